@@ -51,819 +51,507 @@ class Defect(NamedTuple):
 
 TABLE = r"""
 # tools
-an interrupt leaves a part of a file
-tests/tools/test_files.py -k failure_leaves_the_old_file
+an interrupt leaves a part of a file | tests/tools/test_files.py -k failure_leaves_the_old_file
 -    except BaseException:
 -        part.unlink(missing_ok=True)
 +    except Exception:
 +        part.unlink(missing_ok=True)
-
-cycles and radians are one again
-tests/tools/test_units.py -k cycles
+cycles and radians are one again | tests/tools/test_units.py -k cycles
 -        return factor * math.tau ** (cycles - cycles_wanted)
 +        return factor
-
-numbers under a mask count
-tests/tools/test_units.py -k mask
+numbers under a mask count | tests/tools/test_units.py -k mask
 -        return value.astype(float).filled(np.nan)
 +        return np.asarray(value)
-
-durations are nanoseconds
-tests/tools/test_units.py -k converted
+durations are nanoseconds | tests/tools/test_units.py -k converted
 -        return np.asarray(value) / np.timedelta64(1, "s"), "s"
 +        return np.asarray(value).astype(float), "s"
-
-units of arrays are not read
-tests/tools/test_units.py -k "converted or everywhere"
+units of arrays are not read | tests/tools/test_units.py -k "converted or everywhere"
 -        own = attributes.get("units") or None
 +        own = None
-
-hours counted as minutes again
-tests/tools/test_limits.py -k durations
+hours counted as minutes again | tests/tools/test_limits.py -k durations
 -        size = next_size
 +        size = size
-
-marks of overload are numbers
-tests/fitting/test_measured.py -k overload
+marks of overload are numbers | tests/fitting/test_measured.py -k overload
 -    marks = np.abs(values) >= OVERLOADED
 +    marks = np.abs(values) > np.inf
-
 # from standstill to report
-shock responses begin at rest
-tests/analysis/test_environment.py -k moved_before
+shock responses begin at rest | tests/analysis/test_environment.py -k moved_before
 -    return response + (pole**2 * amplitude[..., None] * vibration).real
 +    return response
-
-joined results have the first one's scene
-tests/flow/test_datasets.py -k joined
+joined results have the first one's scene | tests/flow/test_datasets.py -k joined
 -    return bool(np.isin(numbers[~np.isnan(numbers)], _scene_number(ds)).all())
 +    return True
-
-shapes of largest value one say nothing
-tests/model/test_load_modes.py -k scale
+shapes of largest value one say nothing | tests/model/test_load_modes.py -k scale
 -        if ratio > LARGEST:
 +        if ratio > np.inf:
-
-the line between the first and the last versine is the rail's
-tests/model/test_surveys.py -k chords
+the line between the first and the last versine is the rail's | tests/model/test_surveys.py -k chords
 -    about_line = lambda versines: versines - lines @ (lines.T @ versines)
 +    about_line = lambda versines: versines - np.linspace(versines[0], versines[-1], samples)
-
-gaps between faces are faces without a word
-tests/model/test_inputs.py -k late
+gaps between faces are faces without a word | tests/model/test_inputs.py -k late
 -        if late and not _carries(points, start, end) and _carries(points, *gaps):
 +        if False:
-
-a thrust ends at its first pause
-tests/model/test_thrust.py -k pause
+a thrust ends at its first pause | tests/model/test_thrust.py -k pause
 -                    _falls(lambda t, y: y[1] - LEAST_SPEED if t >= last_push else 1.0),
 +                    _falls(lambda t, y: y[1] - LEAST_SPEED),
-
-contacts of a slipper at rest begin as if they approached
-tests/model/test_starts.py -k carry_the_weight
+contacts of a slipper at rest begin as if they approached | tests/model/test_starts.py -k carry_the_weight
 -            approach = rate - contacts(frame, rest).rate
 +            approach = rate
-
-a slipper at rest does not follow its rail
-tests/model/test_starts.py -k follows_the_rail
+a slipper at rest does not follow its rail | tests/model/test_starts.py -k follows_the_rail
 -    along = dict(v_y=change.y / period, v_z=change.z / period)
 +    along = dict(v_y=change.y, v_z=change.z)
-
-a pause is forgotten
-tests/model/test_travel.py -k stands_still
+a pause is forgotten | tests/model/test_travel.py -k stands_still
 -        return cls(distance[order], speed[order], time=time[order])
 +        return cls(distance[order], speed[order])
-
-steps of a run follow its slowest place
-tests/sweeps/test_runs.py -k "times_and_steps or standstill"
+steps of a run follow its slowest place | tests/sweeps/test_runs.py -k "times_and_steps or standstill"
 -        least = jax.vmap(scene.speed.least)(edges[:-1], edges[1:])
 +        least = jnp.full(len(edges) - 1, scene.speed.least(edges[0], edges[-1]))
-
-runs of a comparison over one rail are drawn one by one
-tests/sweeps/test_compare.py -k share_their_rails
+runs of a comparison over one rail are drawn one by one | tests/sweeps/test_compare.py -k share_their_rails
 -    groups = grouped if rails > 1 else np.moveaxis(grouped, 1, 0)
 +    groups = grouped.reshape(-1, 1, count)
-
-means of windows are summed
-tests/sweeps/test_compare.py -k windows_have_together
+means of windows are summed | tests/sweeps/test_compare.py -k windows_have_together
 -        return np.asarray(self.value(np.asarray(self.reduce(reduced, axis=0)), len(values)))
 +        return np.asarray(self.value(np.asarray(self.reduce(reduced, axis=0)), 1))
-
-squares of root mean squares are forgotten
-tests/sweeps/test_compare.py -k windows_have_together
+squares of root mean squares are forgotten | tests/sweeps/test_compare.py -k windows_have_together
 -    "rms": Join(0.0, jnp.sum, _root_mean, reduced=jnp.square, weighted=operator.mul),
 +    "rms": Join(0.0, jnp.sum, _root_mean, weighted=operator.mul),
-
-runs over one rail are worth as many rails
-tests/analysis/test_quantiles.py -k "equal_are_worth"
+runs over one rail are worth as many rails | tests/analysis/test_quantiles.py -k "equal_are_worth"
 -        each = starts if scatter == 0 else np.clip(quantile * (1 - quantile) / scatter, 1, starts)
 +        each = starts
-
-the best of many designs counts as one that was named before
-tests/analysis/test_quantiles.py -k seldom_called
+the best of many designs counts as one that was named before | tests/analysis/test_quantiles.py -k seldom_called
 -    return float(studentized_range.ppf(0.95, cases, rails - 1)) / np.sqrt(2)
 +    return 2.0
-
-a rail with a lost run counts
-tests/sweeps/test_compare.py -k rail_with_a_lost
+a rail with a lost run counts | tests/sweeps/test_compare.py -k rail_with_a_lost
 -    return np.asarray(np.isfinite(numbers).all(axis=tuple(range(1, numbers.ndim))))
 +    return np.ones(len(numbers), bool)
-
-runs over one rail are counted as rails
-tests/sweeps/test_compare.py -k bad_comparisons
+runs over one rail are counted as rails | tests/sweeps/test_compare.py -k bad_comparisons
 -        check_quantile(share, rails if rails > 1 else starts)
 +        check_quantile(share, rails * starts)
-
-bands have more than all frequencies
-tests/analysis/test_environment.py -k no_more_than_all
+bands have more than all frequencies | tests/analysis/test_environment.py -k no_more_than_all
 -        band_rms=band_rms(np.where(np.isnan(density), np.nan, whole), edges),
 +        band_rms=band_rms(density, edges),
-
-a mean over time is one over distance
-tests/sweeps/test_windows.py -k mean_over_time
+a mean over time is one over distance | tests/sweeps/test_windows.py -k mean_over_time
 -    weights = None if over == "distance" else lasting(ds).broadcast_like(values).transpose(*values.dims).values
 +    weights = None
-
-a search for a rest never takes a step back
-tests/model/test_starts.py -k twisted
+a search for a rest never takes a step back | tests/model/test_starts.py -k twisted
 -        good = (back <= 0.9 * fell) | (at.count == 0)
 +        good = jnp.ones((), bool)
-
-a lost motion keeps its numbers
-tests/flow/test_status.py -k no_numbers
+a lost motion keeps its numbers | tests/flow/test_status.py -k no_numbers
 -        return np.where(at, np.nan, leaf) if leaf.dtype.kind in "fc" else leaf
 +        return leaf
-
-the last designs are judged along the rails of the search
-tests/design/test_rail_ensembles.py -k every_other
+the last designs are judged along the rails of the search | tests/design/test_rail_ensembles.py -k every_other
 -                half = np.arange(self.seed % 2, len(part.tracks), 2.0)
 +                half = np.arange(0.0, len(part.tracks))
-
-runs over one rail are drawn one by one
-tests/design/test_rail_ensembles.py -k drawn_together
+runs over one rail are drawn one by one | tests/design/test_rail_ensembles.py -k drawn_together
 -        _, index = np.unique(rail[counted], return_inverse=True)
 +        index = np.arange(np.sum(counted))
-
-errors are a quarter of the interval
-tests/analysis/test_quantiles.py -k scatter
+errors are a quarter of the interval | tests/analysis/test_quantiles.py -k scatter
 -    stderr = standard_error(drawn, rails)
 +    stderr = np.diff(quantile_interval(numbers, quantile), axis=0)[0] / 4
-
 # model
-errors of modes and payloads do not count
-tests/solvers/test_adaptive.py -k every_part
+errors of modes and payloads do not count | tests/solvers/test_adaptive.py -k every_part
 -    return jnp.max(jnp.concatenate([jnp.ravel(ratio) for ratio in jax.tree.leaves(scaled)]))
 +    return jnp.max(jnp.concatenate([jnp.ravel(ratio) for ratio in jax.tree.leaves(scaled)[:10]]))
-
-the fastest approach of a contact is forgotten
-tests/model/test_memory.py -k fastest
+the fastest approach of a contact is forgotten | tests/model/test_memory.py -k fastest
 -        faster = (memory * below > above) & ~entered
 +        faster = (memory * below > above) & entered
-
-damping grows beyond that of the fastest approach
-tests/model/test_memory.py -k fastest
+damping grows beyond that of the fastest approach | tests/model/test_memory.py -k fastest
 -        return jnp.where(ratio < 1, ratio, 1.0)
 +        return ratio
-
-the front of a longer slipper is its middle
-tests/sweeps/test_independent_sled.py -k elastic
+the front of a longer slipper is its middle | tests/sweeps/test_independent_sled.py -k elastic
 -                longer = (mount.length - self.length) / 2
 +                longer = 0.0 * mount.length
-
-modes are not damped
-tests/sweeps/test_independent_sled.py -k elastic
+modes are not damped | tests/sweeps/test_independent_sled.py -k elastic
 -force - circular * (circular * now.coordinate + 2 * modes.damping * now.rate)
 +force - circular * (circular * now.coordinate)
-
-slippers are counted from one
-tests/model/test_paths.py -k by_name_or_place
+slippers are counted from one | tests/model/test_paths.py -k by_name_or_place
 -    if word.isdecimal() and int(word) < size:
 -        return int(word)
 +    if word.isdecimal() and int(word) < size:
 +        return max(int(word) - 1, 0)
-
-modes in the order of their file
-tests/model/test_load_modes.py -k names_of_mounts
+modes in the order of their file | tests/model/test_load_modes.py -k names_of_mounts
 -found["shapes"][:, [order.index(name) for name in mounts]]
 +found["shapes"][:, [k for k, name in enumerate(mounts)]]
-
-degrees are inverted
-tests/model/test_paths.py
+degrees are inverted | tests/model/test_paths.py
 -"degrees": np.pi / 180
 +"degrees": 180 / np.pi
-
-rear end ahead of the front
-tests/model/test_kernel.py -k right_hand_side
+rear end ahead of the front | tests/model/test_kernel.py -k right_hand_side
 -for at in (distance, distance - points.length)]
 +for at in (distance, distance + points.length)]
-
-gyroscopic damping with the wrong sign
-tests/solvers/test_solvers.py -k linearised_contact
+gyroscopic damping with the wrong sign | tests/solvers/test_solvers.py -k linearised_contact
 -damping[2 + i][2 + k] - gyro * spin[j]
 +damping[2 + i][2 + k] + gyro * spin[j]
-
-friction pushes along
-tests/model/test_loads.py -k tractions
+friction pushes along | tests/model/test_loads.py -k tractions
 -    f_x, f_y, f_z = (-(share / size) * v for v in sliding)
 +    f_x, f_y, f_z = ((share / size) * v for v in sliding)
-
-speeds linear in distance
-tests/model/test_travel.py -k integrals
+speeds linear in distance | tests/model/test_travel.py -k integrals
 -        here = jnp.sqrt(square[k] + share * (square[k + 1] - square[k]))
 +        here = self.speed[k] + share * (self.speed[k + 1] - self.speed[k])
-
-a sled that nothing drives
-tests/model/test_payload.py -k at_rest_on_its_spring
+a sled that nothing drives | tests/model/test_payload.py -k at_rest_on_its_spring
 -    return drive if travel.acceleration is None else drive + driven_mass(scene) * travel.acceleration
 +    return drive if travel.acceleration is None else drive + scene.slipper.mass * travel.acceleration
-
 # analysis
-the angle of a curve of Neimark-Sackers passes for a parameter
-tests/analysis/test_critical.py -k "a_curve_of_neimark_sackers and not does"
+the angle of a curve of Neimark-Sackers passes for a parameter | tests/analysis/test_critical.py -k "a_curve_of_neimark_sackers and not does"
 -        return list(self.parameters.values())[-1]
 +        return np.array([node.z[-1] for node in self.nodes])
-
-both fields point to a surface, and the motion crosses it
-tests/analysis/test_hybrid.py -k slides
+both fields point to a surface, and the motion crosses it | tests/analysis/test_hybrid.py -k slides
 -        slides = jnp.where(happens, ~sticks & (above < 0) & (below > 0), sticks)
 +        slides = jnp.where(happens, ~sticks & (above > 0) & (below < 0), sticks)
-
-chaos of one motion is resolved
-tests/analysis/test_lyapunov.py -k ends_after
+chaos of one motion is resolved | tests/analysis/test_lyapunov.py -k ends_after
 -        good = is_sure(self.per_period[..., 0], self.stderr[..., 0]) & ~self._chaotic
 +        good = is_sure(self.per_period[..., 0], self.stderr[..., 0])
-
-an exponent within its errors is resolved
-tests/analysis/test_lyapunov.py -k record_can_know
+an exponent within its errors is resolved | tests/analysis/test_lyapunov.py -k record_can_know
 -(SURE * stderr <= np.maximum(np.abs(exponent), 0.01)))
 +(stderr <= np.maximum(np.abs(exponent), 0.01)))
-
-maps applied in reverse
-tests/analysis/test_floquet.py -k complex_pairs
+maps applied in reverse | tests/analysis/test_floquet.py -k complex_pairs
 -return later @ earlier
 +return earlier @ later
-
-chaos by the weaker of two bounds
-tests/analysis/test_lyapunov.py -k agrees
+chaos by the weaker of two bounds | tests/analysis/test_lyapunov.py -k agrees
 -np.maximum(SURE * np.asarray(stderr), LEAST)
 +np.minimum(SURE * np.asarray(stderr), LEAST)
-
-lines refined to the wrong side
-tests/analysis/test_psd.py -k lines_of_two_frequencies
+lines refined to the wrong side | tests/analysis/test_psd.py -k lines_of_two_frequencies
 -shift = 0.5 * (left - right) / bend
 +shift = 0.5 * (right - left) / bend
-
-shock responses that take accelerations as steps
-tests/analysis/test_environment.py -k half_sine
+shock responses that take accelerations as steps | tests/analysis/test_environment.py -k half_sine
 -    forward = [1 - ramp, 2 * (ramp - once.real), abs(once) ** 2 - ramp]
 +    forward = [0.0, 1 - once.real, abs(once) ** 2 - once.real]
-
-bands from whole lines only
-tests/analysis/test_environment.py -k white_noise_has
+bands from whole lines only | tests/analysis/test_environment.py -k white_noise_has
 -_sums(density * width), k=1, axis=-1)
 +_sums(density * width), k=0, axis=-1)
-
-tolerance limits by the central t distribution
-tests/analysis/test_environment.py -k factors
+tolerance limits by the central t distribution | tests/analysis/test_environment.py -k factors
 -nct.ppf(confidence, samples - 1, shift)
 +t.ppf(confidence, samples - 1, shift)
-
 # solvers
-coefficient of the two-step method
-tests/solvers/test_solvers.py -k two_step_weights
+coefficient of the two-step method | tests/solvers/test_solvers.py -k two_step_weights
 -b_1 = beta / 2 + alpha / 2 - (1 + alpha) * chi / alpha
 +b_1 = beta / 2 + alpha / 2 - (1 - alpha) * chi / alpha
-
-weights of another Runge-Kutta method
-tests/solvers/test_exact_systems.py
+weights of another Runge-Kutta method | tests/solvers/test_exact_systems.py
 -b: ClassVar = (1 / 6, 1 / 3, 1 / 3, 1 / 6)
 +b: ClassVar = (1 / 8, 3 / 8, 3 / 8, 1 / 8)
-
-a contact's own force counted at its touchdown
-tests/solvers/test_impulse.py -k rebound_of
+a contact's own force counted at its touchdown | tests/solvers/test_impulse.py -k rebound_of
 -at = path.rate_at(place) - own * _pressing(scene, path, gap, rate, place)
 +at = path.rate_at(place)
-
-solvers that latch nothing are let through
-tests/solvers/test_solvers.py -k close_no_step
+solvers that latch nothing are let through | tests/solvers/test_solvers.py -k close_no_step
 -return eqx.error_if(fill_frozen(rates, state), jnp.asarray(t) == t, text)
 +return fill_frozen(rates, state)
-
-impulses from the step's end
-tests/solvers/test_impulse.py -k rebound_of
+impulses from the step's end | tests/solvers/test_impulse.py -k rebound_of
 -earlies = earlies + (1 - x) * part
 +earlies = earlies + x * part
-
 # flow
-errors of forces are measured and not judged
-tests/flow/test_loads.py -k wrong_force
+errors of forces are measured and not judged | tests/flow/test_loads.py -k wrong_force
 -        status = jnp.asarray(with_accuracy(np.asarray(status), measured.worst))
 +        status = jnp.asarray(with_accuracy(np.asarray(status), np.max(np.asarray(measured.error))))
-
-lost numbers hidden by coarse steps
-tests/flow/test_status.py -k first_problem
+lost numbers hidden by coarse steps | tests/flow/test_status.py -k first_problem
 -return np.where((earlier == Status.FINITE) | lost, later, earlier)
 +return np.where(earlier == Status.FINITE, later, earlier)
-
-runs judged where the whole programme is slowest
-tests/flow/test_status.py -k judged_where
+runs judged where the whole programme is slowest | tests/flow/test_status.py -k judged_where
 -slowest = scene.slowest_between(epoch, epoch + 1)
 +slowest = scene.slowest_travel
-
-periods judged that were not run
-tests/flow/test_status.py -k over_their_stretch
+periods judged that were not run | tests/flow/test_status.py -k over_their_stretch
 -judged = jnp.where(run, steps_taken, jnp.inf)
 +judged = steps_taken
-
-peaks of the whole run in pictures of a part
-tests/plots/test_plots.py -k part_of_a_run
+peaks of the whole run in pictures of a part | tests/plots/test_plots.py -k part_of_a_run
 -peaks, instants = ds["peak_force"].where(within, peaks), when.where(within, instants)
 +peaks, instants = ds["peak_force"], when
-
-net loads without their signs
-tests/flow/test_slipper_loads.py -k keeps_its_sign
+net loads without their signs | tests/flow/test_slipper_loads.py -k keeps_its_sign
 -        return jnp.where(self.greatest >= -self.least, self.greatest, self.least)
 +        return jnp.where(self.greatest >= -self.least, self.greatest, -self.least)
-
-net loads of the points of other slippers
-tests/sweeps/test_independent_sled.py -k elastic_sled
+net loads of the points of other slippers | tests/sweeps/test_independent_sled.py -k elastic_sled
 -    total = sums(*((at.force * w).reshape(*axes, -1) for w in per_force(scene, at, travel)))
 +    total = sums(*((at.force * w).reshape(-1, *axes).T for w in per_force(scene, at, travel)))
-
-moments of slippers about the centre of mass
-tests/flow/test_slipper_loads.py -k three_slippers
+moments of slippers about the centre of mass | tests/flow/test_slipper_loads.py -k three_slippers
 -    return [*force, *(m - c for m, c in zip(moment, carried, strict=True))]
 +    return [*force, *(m - 0 * c for m, c in zip(moment, carried, strict=True))]
-
-shares of distance in contact
-tests/flow/test_loads.py -k shares_in_contact
+shares of distance in contact | tests/flow/test_loads.py -k shares_in_contact
 -of_time = lambda share, place: share if paces is None else paces[place] * share
 +of_time = lambda share, place: share if paces is None else period * share
-
-a sled at rest turns after each change of a small force
-tests/model/test_starts.py -k sleds_find_their_rest
+a sled at rest turns after each change of a small force | tests/model/test_starts.py -k sleds_find_their_rest
 -    held = search.slope - HOLD * jnp.eye(search.unknown.size)
 +    held = search.slope
-
-rotations of sleds judged as if their slippers were near
-tests/model/test_paths.py -k turn_far_slippers
+rotations of sleds judged as if their slippers were near | tests/model/test_paths.py -k turn_far_slippers
 -    q_x, q_y, q_z = (share * near * q for q in attitude)
 +    q_x, q_y, q_z = (share * q for q in attitude)
-
-slippers moved by modes across the rail only
-tests/sweeps/test_independent_sled.py -k elastic_sled
+slippers moved by modes across the rail only | tests/sweeps/test_independent_sled.py -k elastic_sled
 -        rate = rate + n_x * v_x[0]
 +        rate = rate + 0 * v_x[0]
-
-errors judged by a millimetre of less play
-tests/flow/test_loads.py -k beside_the_play
+errors judged by a millimetre of less play | tests/flow/test_loads.py -k beside_the_play
 -return scaled_size(jax.tree.map(jnp.subtract, a.motion, b.motion), accuracy_scales(scene))
 +return scaled_size(jax.tree.map(jnp.subtract, a.motion, b.motion))
-
-places of the last peak instead of the highest
-tests/flow/test_records.py -k told_of_a_peak
+places of the last peak instead of the highest | tests/flow/test_records.py -k told_of_a_peak
 -return jnp.where(higher, force, highest), jnp.where(higher, self.of(course), there)
 +return force, self.of(course)
-
-programs made in 32 bits
-tests/model/test_inputs.py -k in_32_bits
+programs made in 32 bits | tests/model/test_inputs.py -k in_32_bits
 -    if not jax.config.jax_enable_x64:
 +    if False:
-
-starts judged where the whole programme is slowest
-tests/model/test_travel.py -k starts_are_judged
+starts judged where the whole programme is slowest | tests/model/test_travel.py -k starts_are_judged
 -outside = -jnp.min(now.gap) / contact_depth(scene, scene.travel(place))
 +outside = -jnp.min(now.gap) / contact_depth(scene)
-
-crossings downwards
-tests/flow/test_poincare.py
+crossings downwards | tests/flow/test_poincare.py
 -crosses = (q[..., :-1] < 0) & (q[..., 1:] >= 0)
 +crosses = (q[..., :-1] > 0) & (q[..., 1:] <= 0)
-
-impulse corrected the wrong way
-tests/flow/test_loads.py -k impulses_are
+impulse corrected the wrong way | tests/flow/test_loads.py -k impulses_are
 -area = (begin[0] + end[0]) / 2 + (slope[0] - next_slope[0]) / 12
 +area = (begin[0] + end[0]) / 2 + (next_slope[0] - slope[0]) / 12
-
-crossings dropped without their mark
-tests/flow/test_records.py -k beyond_the_capacity
+crossings dropped without their mark | tests/flow/test_records.py -k beyond_the_capacity
 -return np.where(dropped, int(Status.POINTS_DROPPED), status)
 +return status
-
-steps counted that there is only room for
-tests/flow/test_records.py -k joined_over_all_periods
+steps counted that there is only room for | tests/flow/test_records.py -k joined_over_all_periods
 -return jnp.where(used.reshape(-1, *[1] * (values.ndim - 1)), values, filler)
 +return values
-
-unfinished lanes without their mark
-tests/sweeps/test_interrupts.py -k finished_chunks_are_kept
+unfinished lanes without their mark | tests/sweeps/test_interrupts.py -k finished_chunks_are_kept
 -return jax.tree.map(empty, result)._replace(status=np.full(lanes, int(Status.NOT_RUN)))
 +return jax.tree.map(empty, result)
-
 # orbits
-touchdown rates in metres per step
-tests/orbits/test_periodic.py -k signature_is
+touchdown rates in metres per step | tests/orbits/test_periodic.py -k signature_is
 -rates = cubic.slope_at(low) / gaps.step
 +rates = cubic.slope_at(low)
-
-points of touchdowns named from the other end
-tests/orbits/test_periodic.py -k signature_names
+points of touchdowns named from the other end | tests/orbits/test_periodic.py -k signature_names
 -names = [f"{point}{end}" for end in (1, 2) for point in self.section.names]
 +names = [f"{point}{end}" for end in (2, 1) for point in self.section.names]
-
-touchdowns in the order of points
-tests/orbits/test_periodic.py -k signature_names
+touchdowns in the order of points | tests/orbits/test_periodic.py -k signature_names
 -tuple(sorted(touchdowns)),
 +tuple(touchdowns),
-
-exponent of the smallest multiplier
-tests/orbits/test_periodic.py -k nominal_orbit_recurs
+exponent of the smallest multiplier | tests/orbits/test_periodic.py -k nominal_orbit_recurs
 -return jnp.log(jnp.abs(self.multipliers[..., 0])) / self.period
 +return jnp.log(jnp.abs(self.multipliers[..., -1])) / self.period
-
 # plots
-labels of a map exchanged
-tests/plots/test_maps.py -k display_unit
+labels of a map exchanged | tests/plots/test_maps.py -k display_unit
 -    ax.set(xlabel=label(x), ylabel=label(y))
 +    ax.set(xlabel=label(y), ylabel=label(x))
-
-points of a sled named without their slipper
-tests/plots/test_sleds.py -k points_are_named
+points of a sled named without their slipper | tests/plots/test_sleds.py -k points_are_named
 -names = flat["slipper"].str.cat(names, sep="_")
 +pass
-
-flagged exponents drawn as zero
-tests/plots/test_plots.py -k flagged_exponents
+flagged exponents drawn as zero | tests/plots/test_plots.py -k flagged_exponents
 -ax.plot(x, np.where(flagged(ds, over), np.nan, y), lw=0.5
 +ax.plot(x, np.where(flagged(ds, over), 0.0, y), lw=0.5
-
 # sweeps
-chaos that returns is another attractor
-tests/sweeps/test_jumps.py -k keeps_its_number
+chaos that returns is another attractor | tests/sweeps/test_jumps.py -k keeps_its_number
 -        if i not in numbers and basin.period == 0 and 0 in kinds:
 +        if i not in numbers and basin.period == 0 and 0 in numbers.values():
-
-attractors are numbered anew at each speed
-tests/sweeps/test_jumps.py -k keeps_its_number
+attractors are numbered anew at each speed | tests/sweeps/test_jumps.py -k keeps_its_number
 -        if i not in numbers and number not in numbers.values():
 +        if False:
-
-an escape from chaos passes for the end of a branch
-tests/sweeps/test_jumps.py -k escape_from
+an escape from chaos passes for the end of a branch | tests/sweeps/test_jumps.py -k escape_from
 -            return Jump(True, at, value, size, Status.FINITE, on_branch.wander < threshold / 10)
 +            return Jump(True, at, value, size, Status.FINITE)
-
-a quick label passes for a certified one
-tests/sweeps/test_records.py -k quick
+a quick label passes for a certified one | tests/sweeps/test_records.py -k quick
 -            "kind": column(dims, words, "", "kind of motion by recurrence, a quick label", comment=UNCHECKED),
 +            "kind": column(dims, words, "", "kind of motion, by recurrence"),
-
-missing files of a complete tile not seen
-tests/sweeps/test_stores.py -k damaged_tile
+missing files of a complete tile not seen | tests/sweeps/test_stores.py -k damaged_tile
 -        there = all(file.is_file() for file in (mark, *self.files(number)))
 +        there = mark.is_file()
-
-a tile is written to whatever store has taken the place of its own
-tests/sweeps/test_stores.py -k old_worker
+a tile is written to whatever store has taken the place of its own | tests/sweeps/test_stores.py -k old_worker
 -        if _digest(content_of(self.path / DESCRIPTION)) != self.digest:
 +        if False:
-
-lock taken only by who waits
-tests/sweeps/test_stores.py -k two_processes_cannot_write
+lock taken only by who waits | tests/sweeps/test_stores.py -k two_processes_cannot_write
 -        lock.acquire(timeout=seconds)
 +        if seconds > 1:
 +            lock.acquire(timeout=seconds)
-
-resumed by the number of tiles
-tests/sweeps/test_stores.py -k damaged_tile
+resumed by the number of tiles | tests/sweeps/test_stores.py -k damaged_tile
 -        missing = np.flatnonzero(~archive.complete_tiles())
 +        missing = np.arange(int(archive.complete_tiles().sum()), archive.tiles.count)
-
-threads go on after their run
-tests/sweeps/test_interrupts.py -k threads_have_ended
+threads go on after their run | tests/sweeps/test_interrupts.py -k threads_have_ended
 -            wait(running, patience)
 +            wait(running, 0.0)
-
-Ctrl-C swallowed
-tests/sweeps/test_interrupts.py -k finished_chunks_are_kept
+Ctrl-C swallowed | tests/sweeps/test_interrupts.py -k finished_chunks_are_kept
 -        except KeyboardInterrupt:
 -            interrupted = True
 +        except KeyboardInterrupt:
 +            interrupted = False
-
-wear by twice the work
-tests/sweeps/test_runs.py -k wear_opens
+wear by twice the work | tests/sweeps/test_runs.py -k wear_opens
 -            work = work.at[..., faces].add(jnp.sum(course.friction_power.integral, axis=-2))
 +            work = work.at[..., faces].add(2 * jnp.sum(course.friction_power.integral, axis=-2))
-
-integrated memories of one's own whose errors do not count
-tests/solvers/test_adaptive.py -k own_counts
+integrated memories of one's own whose errors do not count | tests/solvers/test_adaptive.py -k own_counts
 -        return jnp.ones_like(gap)
 +        return jnp.zeros_like(gap)
-
-basins numbered by the order in which they are met
-tests/sweeps/test_jumps.py -k largest_basin
+basins numbered by the order in which they are met | tests/sweeps/test_jumps.py -k largest_basin
 -    rank = np.append(np.argsort(order), -1)  # whose last entry keeps -1, as it is the entry at -1
 +    rank = np.append(order, -1)  # whose last entry keeps -1, as it is the entry at -1
-
 # design
-cases with their axes exchanged
-tests/design/test_problem.py -k every_combination
+cases with their axes exchanged | tests/design/test_problem.py -k every_combination
 -mesh = np.meshgrid(*self.over.values(), indexing="ij")
 +mesh = np.meshgrid(*self.over.values(), indexing="xy")
-
-excursions to one side
-tests/design/test_objectives.py -k excursion_counts
+excursions to one side | tests/design/test_objectives.py -k excursion_counts
 -size = lambda c: jnp.maximum(c.coordinates.greatest, -c.coordinates.least)[k]
 +size = lambda c: c.coordinates.greatest[k]
-
-designs judged by their best case
-tests/design/test_methods.py
+designs judged by their best case | tests/design/test_methods.py
 -return float(np.max(self.value) if self.weight is None else self.weight @ self.value)
 +return float(np.min(self.value) if self.weight is None else self.weight @ self.value)
-
 # studies
-derailed cases support claims
-tests/studies/test_verdicts.py -k flagged_speed
+derailed cases support claims | tests/studies/test_verdicts.py -k flagged_speed
 -return ds["status"].values == Status.FINITE
 +return ds["status"].values != Status.NOT_FINITE
-
-greatest rise for greatest drop
-tests/studies/test_verdicts.py -k speeds_as_claimed
+greatest rise for greatest drop | tests/studies/test_verdicts.py -k speeds_as_claimed
 -k = int(np.nanargmin(falls))
 +k = int(np.nanargmax(falls))
-
 # results
-a part of a result is no result
-tests/results/test_result.py -k at_hand
+a part of a result is no result | tests/results/test_result.py -k at_hand
 -        return type(self)(self.ds.isel(*args, **kwargs))
 +        return self.ds.isel(*args, **kwargs)
-
-tables overwrite each other
-tests/results/test_runs.py -k files_hold
+tables overwrite each other | tests/results/test_runs.py -k files_hold
 -        more = f"_{name.replace(' ', '')}" if k else ""
 +        more = ""
-
-texts with units are taken for numbers without
-tests/tools/test_units.py -k has_a_unit
+texts with units are taken for numbers without | tests/tools/test_units.py -k has_a_unit
 -        return value if words is None else _number(words) * _factor_of_text(words[3].strip(), unit)
 +        return value if words is None else _number(words)
-
 # cli
-exit code of a signal without 128
-tests/cli/test_interrupts.py -k falls_into_a_callback
+exit code of a signal without 128 | tests/cli/test_interrupts.py -k falls_into_a_callback
 -self.code = 128 + number
 +self.code = number
-
-grid in display units
-tests/cli/test_cli.py -k axes_are_read_in_display_units
+grid in display units | tests/cli/test_cli.py -k axes_are_read_in_display_units
 -grid[name] = quantity.from_shown(spread
 +grid[name] = quantity.shown(spread
-
 # crossings, steps on random rails, distributions
-every multiplier above one counts as outside
-tests/analysis/test_events.py -k neutral
+every multiplier above one counts as outside | tests/analysis/test_events.py -k neutral
 -        return int(np.sum(sizes > 1 + self.margins(conserved)))
 +        return int(np.sum(sizes > 1))
-
-a section is met at its own start
-tests/analysis/test_hybrid.py
+a section is met at its own start | tests/analysis/test_hybrid.py
 -            falls = (risen | (self.reset is not None)) & (height < 0)
 +            falls = height < 0
-
-the instant of a crossing is the chord's
-tests/analysis/test_hybrid.py
+the instant of a crossing is the chord's | tests/analysis/test_hybrid.py
 -    return jax.lax.while_loop(going, closer, (first, zero, zero + 1, 0, False))[0]
 +    return start / (start - end)
-
-Newton's method for a crossing leaves its bracket
-tests/analysis/test_hybrid.py -k instant
+Newton's method for a crossing leaves its bracket | tests/analysis/test_hybrid.py -k instant
 -        good = (slope < 0) & (newton >= low) & (newton <= high)
 +        good = slope != 0
-
-impacts that accumulate are followed one by one
-tests/analysis/test_hybrid.py -k comes_to_rest
+impacts that accumulate are followed one by one | tests/analysis/test_hybrid.py -k comes_to_rest
 -        after = jnp.where(sticks, ~happens, happens & self._stuck(t, y))
 +        after = sticks & ~happens
-
-a touch within a step is not noticed
-tests/analysis/test_ends.py -k grazing
+a touch within a step is not noticed | tests/analysis/test_ends.py -k grazing
 -        height = _lowest(self.field, self.surface, t, y, t + self.dt, end)[1]
 +        height = self.surface(t + self.dt, end)
-
-a switch there and back within a step is not noticed
-tests/analysis/test_hybrid.py -k there_and_back
+a switch there and back within a step is not noticed | tests/analysis/test_hybrid.py -k there_and_back
 -        return end, (last < 0) | dips
 +        return end, last < 0
-
-a map that loses its digits has a period, and what it drives
-tests/analysis/test_attractor.py -k "digits or drives"
+a map that loses its digits has a period, and what it drives | tests/analysis/test_attractor.py -k "digits or drives"
 -    return lost if lost >= LEAST_LOST else 0
 +    return 0
-
-one run's error leaves out that it drifts
-tests/analysis/test_lyapunov.py -k one_motion
+one run's error leaves out that it drifts | tests/analysis/test_lyapunov.py -k one_motion
 -    return np.hypot(blocks, change / np.sqrt(12))
 +    return blocks
-
-a fractional seed is the rail below it
-tests/flow/test_rails.py -k "traced_number"
+a fractional seed is the rail below it | tests/flow/test_rails.py -k "traced_number"
 -    return jnp.where(known, number, 0).astype(int), known
 +    return jnp.asarray(number).astype(int), jnp.asarray(True)
-
-a correlation of two rails is taken for their coherence
-tests/model/test_two_rails.py -k "their_coherence"
+a correlation of two rails is taken for their coherence | tests/model/test_two_rails.py -k "their_coherence"
 -        return _Beside(rail, jnp.sqrt(self.coherence))
 +        return _Beside(rail, self.coherence)
-
-the other rail has deviates of its own that are those of the first
-tests/model/test_two_rails.py -k "their_coherence"
+the other rail has deviates of its own that are those of the first | tests/model/test_two_rails.py -k "their_coherence"
 -            others = [normal(key, (2, k.size)) for key in keys_of(seed, 6)[3:]]
 +            others = [normal(key, (2, k.size)) for key in keys_of(seed, 6)[:3]]
-
-a wider gauge moves the right rail to the left
-tests/model/test_two_rails.py -k "gauge_stands"
+a wider gauge moves the right rail to the left | tests/model/test_two_rails.py -k "gauge_stands"
 -            right["lateral"] = left["lateral"] - wider
 +            right["lateral"] = left["lateral"] + wider
-
-a fractional seed passes where it is given
-tests/flow/test_rails.py -k "whole_and_in_range"
+a fractional seed passes where it is given | tests/flow/test_rails.py -k "whole_and_in_range"
 -    return Check(name, unit, need, lambda x: (x >= 0) & (x <= most) & (x == x.round()), whole=True)
 +    return Check(name, unit, need, lambda x: (x >= 0) & (x <= most), whole=True)
-
-spectra of a run are of samples without a filter
-tests/sweeps/test_runs.py -k third
+spectra of a run are of samples without a filter | tests/sweeps/test_runs.py -k third
 -    return np.where(far < 1, 2 / 3 - far**2 + far**3 / 2, np.maximum(2 - far, 0.0) ** 3 / 6)
 +    return np.maximum(1 - 4 * far, 0.0) * 4
-
-short waves get no more steps where impacts are damped
-tests/model/test_tracks.py -k short_waves
+short waves get no more steps where impacts are damped | tests/model/test_tracks.py -k short_waves
 -10 * waves * damped_waves(damping)
 +10 * waves
-
-touchdowns are looked for from the chord
-tests/tools/test_hermite.py -k direction
+touchdowns are looked for from the chord | tests/tools/test_hermite.py -k direction
 -    x = _to_zero(start, slope, end - start - slope, falls)
 +    x = start / jnp.where(start == end, 1.0, start - end)
-
-touchdowns where gaps rise
-tests/tools/test_hermite.py -k way_back
+touchdowns where gaps rise | tests/tools/test_hermite.py -k way_back
 -    root = jnp.where(falls, -root, root)
 +    root = jnp.where(falls, root, -root)
-
-touchdowns of gaps that nearly touch before
-tests/tools/test_hermite.py -k nearly_touches
+touchdowns of gaps that nearly touch before | tests/tools/test_hermite.py -k nearly_touches
 -    x = x + _to_zero(cubic.value(x), cubic.slope_at(x), 3 * cubic.cube * x + cubic.square, falls)
 +    x = x - cubic.value(x) / cubic.slope_at(x)
-
-the memory between adaptive steps is that at their end
-tests/solvers/test_adaptive.py -k records_of
+the memory between adaptive steps is that at their end | tests/solvers/test_adaptive.py -k records_of
 -        frozen = jnp.where(y0.memory < 0, y0.memory, y1.memory)
 +        frozen = y1.memory
-
-inaccurate cases are not marked
-tests/sweeps/test_sweep.py -k inaccurate
+inaccurate cases are not marked | tests/sweeps/test_sweep.py -k inaccurate
 -    return np.where(inaccurate, int(Status.INACCURATE), status)
 +    return np.where(inaccurate, int(Status.FINITE), status)
-
-a distribution has a value at the share of zero
-tests/sweeps/test_explain.py
+a distribution has a value at the share of zero | tests/sweeps/test_explain.py
 -    share = np.maximum(share, 2.0**-31)
 +    share = share
-
-the import makes a backend
-tests/tools/test_compile.py -k backend
+the import makes a backend | tests/tools/test_compile.py -k backend
 -    traced = with_standard_promotion(fun)
 +    traced = with_standard_promotion(fun if compiler_options() else fun)
-
-a bar goes on to tell of a program that is there
-tests/tools/test_progress.py
+a bar goes on to tell of a program that is there | tests/tools/test_progress.py
 -                notices.end()
 +                pass
-
-a rail's sine falls where it rises
-tests/model/test_tracks.py
+a rail's sine falls where it rises | tests/model/test_tracks.py
 -    return (cosine, sine), (-sine * tangents[0], cosine * tangents[0])
 +    return (cosine, sine), (-sine * tangents[0], -cosine * tangents[0])
-
-a kernel has arguments without use
-tests/tools/test_one_kernel.py -k period_map
+a kernel has arguments without use | tests/tools/test_one_kernel.py -k period_map
 -    return jax.jit(_called(kernel, kernel=True))(arrays, *closed_over)
 +    return jax.jit(kernel)(arrays, *closed_over)
-
-what a kernel closes over is none of its arguments
-tests/tools/test_one_kernel.py -k transformed
+what a kernel closes over is none of its arguments | tests/tools/test_one_kernel.py -k transformed
 -    of_arrays, closed_over = jax.closure_convert(call, arrays)
 +    of_arrays, closed_over = call, ()
-
-constants of a program are folded into a kernel
-tests/model/test_sled.py -k derivatives_in_both_modes
+constants of a program are folded into a kernel | tests/model/test_sled.py -k derivatives_in_both_modes
 -            _hide_constants(call)
 +            pass
-
-reverse mode goes through the steps for few numbers
-tests/tools/test_jacobian.py -k few
+reverse mode goes through the steps for few numbers | tests/tools/test_jacobian.py -k few
 -    if along.size > most:
 +    if along.size > 0:
-
-a tangent comes from the first argument alone
-tests/tools/test_compositions.py -k two_transformations
+a tangent comes from the first argument alone | tests/tools/test_compositions.py -k two_transformations
 -    return value, jax.tree.map(lambda columns: jnp.tensordot(along, columns, axes=1), jacobian)
 +    return value, jax.tree.map(lambda columns: along[0] * columns[0], jacobian)
-
-weak types are no part of the key of a program
-tests/tools/test_kept.py -k each_kind
+weak types are no part of the key of a program | tests/tools/test_kept.py -k each_kind
 -            kinds = [str(jax.typeof(leaf)) for leaf in leaves]
 +            kinds = [str(jax.typeof(leaf)).strip("~") for leaf in leaves]
-
-JAX's watch over numbers is not obeyed by kept programs
-tests/tools/test_kept.py -k watch
+JAX's watch over numbers is not obeyed by kept programs | tests/tools/test_kept.py -k watch
 -        if any(options.get(name) for name in NEED_TRACING):
 +        if False:
-
-what comes out of JAX's cache is kept
-tests/tools/test_kept.py -k comes_out
+what comes out of JAX's cache is kept | tests/tools/test_kept.py -k comes_out
 -    found = _tried(content, tree, call)
 -    if found is None:
 +    found = compiled, call(compiled)
 +    if not content:
-
-damaged programs are loaded
-tests/tools/test_kept.py -k damaged
+damaged programs are loaded | tests/tools/test_kept.py -k damaged
 -        if hashlib.sha256(content).digest() == digest:
 +        if content:
-
-LAPACK is not fetched for a program that is read
-tests/tools/test_kept.py -k lowers_none
+LAPACK is not fetched for a program that is read | tests/tools/test_kept.py -k lowers_none
 -            if calls_lapack:
 +            if False:
-
-arrays of a function are told by their shape
-tests/tools/test_kept.py -k each_change_of_code
+arrays of a function are told by their shape | tests/tools/test_kept.py -k each_change_of_code
 -    return f"array {array.dtype} {array.shape} {content}"
 +    return f"array {array.dtype} {array.shape}"
-
-a decorator's own code is left out
-tests/tools/test_kept.py -k each_change_of_code
+a decorator's own code is left out | tests/tools/test_kept.py -k each_change_of_code
 -    cells = [_content(cell) for cell in thing.__closure__ or ()]
 +    thing = getattr(thing, "__wrapped__", thing)
 +    cells = [_content(cell) for cell in thing.__closure__ or ()]
-
-an orbit compiles its program in every call
-tests/flow/test_compiling.py -k orbit
+an orbit compiles its program in every call | tests/flow/test_compiling.py -k orbit
 -@functools.cache  # one that is made anew would be compiled anew in every call
 +# one that is made anew is compiled anew in every call
-
-a tile of another store counts as one of this one
-tests/sweeps/test_stores.py -k tile_of_another
+a tile of another store counts as one of this one | tests/sweeps/test_stores.py -k tile_of_another
 -        return there and mark.read_text().startswith(self.mark_of(number))
 +        return there
-
-types are promoted as the user wants it
-tests/tools/test_compile.py -k strict
+types are promoted as the user wants it | tests/tools/test_compile.py -k strict
 -        with jax.numpy_dtype_promotion("standard"):
 +        with jax.numpy_dtype_promotion(jax.config.jax_numpy_dtype_promotion):
-
-the first import is taken for the top level
-tests/tools/test_compile.py -k first_import
+the first import is taken for the top level | tests/tools/test_compile.py -k first_import
 -    _TOP_LEVEL = _pool.submit(get_opaque_trace_state).result()
 +    _TOP_LEVEL = get_opaque_trace_state()
-
 # fits to records
-signals that are early where they are late
-tests/model/test_sensors.py -k delay
+signals that are early where they are late | tests/model/test_sensors.py -k delay
 -        at = at - self.delay
 +        at = at + self.delay
-
-derivatives by the start in SI units
-tests/fitting/test_course.py -k finer_run
+derivatives by the start in SI units | tests/fitting/test_course.py -k finer_run
 -            array[..., -len(SIZES) :] *= SIZES
 +            array[..., -len(SIZES) :] *= 1.0
-
-derivatives by values in place of those by levels
-tests/fitting/test_trajectories.py -k put_in
+derivatives by values in place of those by levels | tests/fitting/test_trajectories.py -k put_in
 -    found[..., 2 * ten : -1] = slope[..., :own] * per_level[:, None, None]
 +    found[..., 2 * ten : -1] = slope[..., :own]
-
-searches forget that windows hang together
-tests/fitting/test_search.py -k eliminated
+searches forget that windows hang together | tests/fitting/test_search.py -k eliminated
 -            known = _times(rows[..., size:-1], np.concatenate([after, levels], axis=1))
 +            known = _times(rows[..., size:-1], np.concatenate([0 * after, levels], axis=1))
-
-correlated residuals that count as white
-tests/fitting/test_trajectories.py -k whiteness
+correlated residuals that count as white | tests/fitting/test_trajectories.py -k whiteness
 -    statistic = count * (count + 2) * np.sum(correlation**2 / (count - lags))
 +    statistic = np.sum(correlation**2 / (count - lags))
-"""
+"""  # noqa: E501
 """The defects by room, each as its name, arguments of pytest, and a change as in a patch: - before, + after."""
 
 
 def read(table: str) -> tuple[Defect, ...]:
     """The defects of a table like `TABLE`."""
     found = []
-    for block in re.sub(r"^#.*\n", "", table.strip(), flags=re.MULTILINE).split("\n\n"):
-        name, tests, *change = block.split("\n")
-        old, new = ("\n".join(line[1:] for line in change if line[0] == sign) for sign in "-+")
+    for name, tests, change in re.findall(r"^([^#+-].*) \| (.*)\n((?:[+-].*\n)+)", table, re.MULTILINE):
+        old, new = ("\n".join(line[1:] for line in change.splitlines() if line[0] == sign) for sign in "-+")
         found.append(Defect(name, old, new, tests))
     return tuple(found)
 

@@ -1,9 +1,8 @@
 """The command that chooses parameters by an objective."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -18,22 +17,19 @@ from .options import (
     FROM_ZERO,
     LOST,
     Case,
-    Default,
     Measure,
     app,
     bounds,
+    bounds_of_each,
     given,
-    make_bounds,
     option,
     result,
     takes_case,
 )
 
 if TYPE_CHECKING:
-    from ..design.objectives import Objective
     from ..design.optimise import Design
 
-OPTIMISE = "design.optimise.optimise_design"
 TRIAL_PATIENCE = 20.0
 """Seconds that an interrupted command waits for the present trial."""
 AROUND = {1: 11, 2: 5, 3: 3}
@@ -60,7 +56,7 @@ OBJECTIVE = click.Choice(list(OBJECTIVE_UNITS))
 SPEED = Measure(PARAMETERS["speed"])
 
 
-@app.command()
+@app.command(of="design.optimise.optimise_design")
 @option(
     "--minimise",
     OBJECTIVE,
@@ -79,7 +75,6 @@ SPEED = Measure(PARAMETERS["speed"])
     "--robust",
     click.Choice(["worst", "mean"]),
     "Minimise the objective at its worst speed, or its mean.",
-    default=Default(OPTIMISE, "robust"),
 )
 @option(
     "--constraint",
@@ -93,18 +88,14 @@ SPEED = Measure(PARAMETERS["speed"])
     "--starts",
     COUNT,
     "Number of starting designs: the scene's own, if within the bounds, then good designs far from each other.",
-    default=Default(OPTIMISE, "starts"),
 )
-@option(
-    "--max-trials", COUNT, "Maximum number of designs tried from each start.", default=Default(OPTIMISE, "max_trials")
-)
+@option("--max-trials", COUNT, "Maximum number of designs tried from each start.")
 @option(
     "--transient",
     FROM_ZERO,
     "Forcing periods simulated before a periodic orbit is searched.",
-    default=Default(OPTIMISE, "transient"),
 )
-@option("--seed", FROM_ZERO, "Random seed of the starting designs.", default=Default(OPTIMISE, "seed"))
+@option("--seed", FROM_ZERO, "Random seed of the starting designs.")
 @option("--check/--no-check", None, "Simulate a grid of designs around the best design.", default=True)
 @option(
     "--margins/--no-margins",
@@ -114,7 +105,7 @@ SPEED = Measure(PARAMETERS["speed"])
 )
 @result("design")
 @takes_case
-def design(case: Case, minimise, vary, speeds, constraint, check, margins, out: Sequence[Path], **options) -> int:
+def design(case: Case, minimise, vary, speeds, constraint, check, margins, out, **options) -> int:
     """Find the parameters within bounds that minimise an objective over a range of speeds.
 
     All other parameters keep the values of the scene.
@@ -122,14 +113,10 @@ def design(case: Case, minimise, vary, speeds, constraint, check, margins, out: 
     from ..design.objectives import OBJECTIVES
     from ..design.optimise import optimise_design
 
-    variables: dict[str, tuple[float, float]] = {}
-    # bounds of each variable in SI units
-    for name, low, high in vary:
-        require(name not in variables, "--vary", "name each parameter once", name)
-        variables[name] = make_bounds("--vary", case.scene, name, low, high)[1]
+    variables = bounds_of_each("--vary", case.scene, vary)
     # without speeds there is one case, the scene
     over = {} if speeds is None else {"speed": _speeds(*speeds, variables=variables)}
-    limits: dict[Objective, tuple[float, ...]] = {}
+    limits = {}
     # limits of each objective in its display unit
     for name, *ends in constraint:
         objective = OBJECTIVES[name]

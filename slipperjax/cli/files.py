@@ -37,7 +37,7 @@ def make_folder(folder: Path, out: Path) -> None:
 class Outputs:
     """The files that a command writes."""
 
-    def __init__(self, out: Path | Sequence[Path], usual: Sequence[str] = USUAL):
+    def __init__(self, out: Sequence[Path], usual: Sequence[str] = USUAL):
         """Make the folders, and print which files will be replaced.
 
         **Arguments:** `out`: values of --out; `usual`: endings of the files for one without an ending.
@@ -45,7 +45,7 @@ class Outputs:
         **Raises:** `ValueError` for an unknown ending, and where the files cannot be written.
         """
         self.paths: list[Path] = []
-        for path in [out] if isinstance(out, Path) else out:
+        for path in out:
             if path.name in ("", ".."):
                 raise ValueError(f"Option --out must name files, as ./result does, but is the folder '{path}'.")
             # the digits after the point of a number are no ending

@@ -1,9 +1,5 @@
 """The command that finds parameters from measured signals."""
 
-from collections.abc import Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING
-
 import click
 
 from ..model.parameters import PARAMETERS
@@ -16,24 +12,18 @@ from .options import (
     INPUT,
     LOST,
     Case,
-    Default,
     app,
     begin,
     bounds,
+    bounds_of_each,
     given,
-    make_bounds,
     option,
     result,
     takes_case,
 )
 
-if TYPE_CHECKING:
-    from ..fitting.method import AbstractFitMethod
 
-FIT = "fitting.fit.fit"
-
-
-@app.command()
+@app.command(of="fitting.fit.fit")
 @bounds("--fit", "Parameter to find, with its lower and upper bound; repeat for several.", multiple=True)
 @option(
     "--fit-sensor",
@@ -54,25 +44,14 @@ FIT = "fitting.fit.fit"
     "--confidence",
     click.FloatRange(0.0, 1.0, True, True),
     "Probability of the intervals.",
-    default=Default(FIT, "confidence"),
 )
-@option("--seed", FROM_ZERO, "Random seed of the first points.", default=Default(FIT, "seed"))
+@option("--seed", FROM_ZERO, "Random seed of the first points.")
 @begin
 @result("fit")
 @takes_case
 @click.argument("scene", metavar="FILE", type=INPUT)
 @click.argument("measured", metavar="RECORD...", type=INPUT, nargs=-1, required=True)
-def fit(
-    case: Case,
-    measured: tuple[Path, ...],
-    fit,
-    fit_sensor,
-    by: str,
-    starts: int,
-    window: int | None,
-    out: Sequence[Path],
-    **options,
-) -> int:
+def fit(case: Case, measured, fit, fit_sensor, by, starts, window, out, **options) -> int:
     """Find parameters of the scene of FILE, and numbers of its sensors, from the signals of RECORDs.
 
     FILE: a TOML file with a table for each sensor, such as [sensors.front]. RECORD: a CSV or netCDF file of a run,
@@ -86,13 +65,10 @@ def fit(
     sensors = case.file.sensors if case.file else []
     path = click.get_current_context().params["scene"]
     require(sensors, "FILE", "be a TOML file with tables [sensors.NAME]", path)
-    unknowns: dict[str, tuple[float, float]] = {}
-    for name, low, high in fit:
-        require(name not in unknowns, "--fit", "name each parameter once", name)
-        unknowns[name] = make_bounds("--fit", case.scene, name, low, high)[1]
+    unknowns = bounds_of_each("--fit", case.scene, fit)
     unknowns |= {f"sensors.{name}": (low, high) for name, low, high in fit_sensor}
     require(unknowns, "--fit", "be given for one parameter or more", shown="missing")
-    method: AbstractFitMethod = Features() if by == "features" else Trajectories(starts, window)
+    method = Features() if by == "features" else Trajectories(starts, window)
     # the method chooses a solver that the user did not choose
     solver = case.solver if given("solver") else None
     how = dict(start=case.start, steps_per_period=case.steps_per_period, solver=solver, progress=True)

@@ -1,7 +1,7 @@
 """The commands for one case: a trajectory, a periodic motion, and its branch through a parameter."""
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,7 +21,6 @@ from .options import (
     FROM_ZERO,
     LOST,
     Case,
-    Default,
     app,
     begin,
     bounds,
@@ -38,10 +37,7 @@ if TYPE_CHECKING:
 
 Bounds = tuple[str, float | str, float | str]
 """Parameter, lower and upper bound in its display unit or as texts with a unit."""
-CONTINUE = "orbits.branches.continue_orbit"
-period = option(
-    "--period", COUNT, "Forcing periods after which the motion repeats.", default=Default(CONTINUE, "period")
-)
+period = option("--period", COUNT, "Forcing periods after which the motion repeats.")
 SWITCHED = ("PD", "BP")
 """Labels of the events at which other branches begin: flips and branch points."""
 WITHOUT_FROM = ("period", "transient", *CASE)
@@ -52,16 +48,14 @@ BRANCH_PATIENCE = 10.0
 """Seconds that an interrupted command waits for the present point."""
 
 
-@app.command()
-@option("--periods", COUNT, "Forcing periods to simulate.", default=Default("orbits.simulate.simulate", "periods"))
+@app.command(of="orbits.simulate.simulate")
+@option("--periods", COUNT, "Forcing periods to simulate.")
 @option("--saves-per-period", COUNT, "Saved states per forcing period.")
 @option("--probe", FROM_ZERO, "Periods rerun at half the step to estimate the error; 0: none.", default=4)
 @begin
 @result("trajectory")
 @takes_case
-def simulate(
-    case: Case, periods: int, saves_per_period: int | None, probe: int, begin: float | None, out: Sequence[Path]
-) -> int:
+def simulate(case: Case, periods, saves_per_period, probe, begin, out) -> int:
     """Simulate one case and write its trajectory."""
     from ..orbits.simulate import simulate as run
     from ..results.result import Result
@@ -97,14 +91,14 @@ def _prepare(scene: Scene, periods: int, **options: object) -> None:
     trajectory.summary()
 
 
-@app.command()
+@app.command(of="orbits.periodic.periodic_orbit")
 @period
 @option(
     "--transient", FROM_ZERO, "Forcing periods simulated before Newton's method; default: 60, then 240 if it fails."
 )
 @result("orbit")
 @takes_case
-def orbit(case: Case, period: int, transient: int | None, out: Sequence[Path]) -> int:
+def orbit(case: Case, period, transient, out) -> int:
     """Find a periodic motion, stable or not, and print its Floquet multipliers and sequence of contacts."""
     from ..orbits.periodic import periodic_orbit
     from ..results.result import Result
@@ -127,7 +121,7 @@ def _is_missed(motion: "PeriodicOrbit") -> bool:
     return status != Status.FINITE
 
 
-@app.command("continue")
+@app.command("continue", of="orbits.branches.continue_orbit")
 @bounds("--over", "Parameter, lower and upper bound of the branch; the scene's value must lie within.")
 @click.option(
     "--from",
@@ -138,7 +132,7 @@ def _is_missed(motion: "PeriodicOrbit") -> bool:
 )
 @period
 @option("--transient", FROM_ZERO, "Forcing periods simulated before the first motion.", default=60)
-@option("--points", COUNT, "Maximum number of points in each direction.", default=Default(CONTINUE, "points"))
+@option("--points", COUNT, "Maximum number of points in each direction.")
 @option(
     "--switch",
     click.Choice(SWITCHED),
@@ -155,9 +149,7 @@ def _is_missed(motion: "PeriodicOrbit") -> bool:
 )
 @result("branch")
 @takes_case
-def follow_branch(
-    case: Case, over, source, period, transient, points, switch, brute, quantity, out: Sequence[Path]
-) -> int:
+def follow_branch(case: Case, over, source, period, transient, points, switch, brute, quantity, out) -> int:
     """Follow a periodic motion, stable or not, as a parameter changes, and locate folds, flips and grazings."""
     from ..plots.branches import check_brute, check_quantity
     from ..sweeps.loading import load
@@ -174,7 +166,7 @@ def follow_branch(
     beneath = None if brute is None else load(brute).ds
     if beneath is not None:
         check_brute(beneath, parameter.name, quantity)
-    drawn: list[OrbitBranch] = []
+    drawn = []
 
     def followed(call: Callable[[], Kept], files: Outputs) -> Kept:
         """Return the branch of a call; where that is interrupted, write the points so far."""

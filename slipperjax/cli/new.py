@@ -1,183 +1,60 @@
 """The command that writes a first scene file: every number with its unit and its meaning."""
 
 import dataclasses
-import json
-import os
+from collections.abc import Sequence
 from pathlib import Path
-from string import Template
+from string import ascii_uppercase
 
 import click
 import numpy as np
 
 from ..model.dang2024 import paper_scene
+from ..model.loads import AerodynamicLoad, AppliedLoad, Coulomb, TabulatedLoad
 from ..model.parameters import PARAMETERS
 from ..model.quantities import Quantity
+from ..model.random_rails import RandomRails, RandomTrack
+from ..model.scene import Scene
+from ..model.scene_files import RunTable, scene_from_toml
+from ..model.scene_text import Table, table_of, toml_lines
+from ..model.section import Section
+from ..model.sled import Mount, Sled
+from ..model.slipper import Slipper
+from ..model.surveys import SurveyedRails, SurveyedTrack, load_speed
+from ..model.tracks import TwoRails
+from ..model.travel import SpeedProgramme
 from ..tools.checks import require
+from ..tools.description import TYPE
 from ..tools.files import content_of, user_path, write_whole
+from ..tools.tables import Table as Columns
 from ..tools.units import STANDARD_GRAVITY
-from .options import FILE, INPUT, Adds, Measure, app, flag, option
+from .options import FILE, INPUT, Measure, app, flag, option
 
-SCENE = Template("""\
-# $what. Run it by
-#     slipperjax run $name
-# Every number has a unit, any of its kind, as "1.5 mm" or "1/16 in". What stands behind # is a remark.
-
-gravity = "$gravity m/s^2"  # downwards
-$speed
-
-[slipper]
-mass = "$mass kg"  # $whole
-length = "$length m"  # of a slipper, from its front to its rear section
-# moments of inertia about x (forwards), y (to the left) and z (upwards), $source
-inertia = { values = [$inertia], unit = "kg m^2" }
-$mounts
-[section]  # of the slipper, the same at its front and its rear
-clearance = "$clearance mm"  # total play of slipper and rail; half of it at each face
-names = [$names]  # of the points
-# two points for each face, clockwise with y to the right and z up
-faces = [$faces]
-points = { unit = "mm", values = [  # y (to the left) and z (upwards) of each, from the slipper's $middle
-$points
-] }
-
-$track
-
-[contact]
-type = "Flores"  # or HuntCrossley, LankaraniNikravesh, HertzSpring, ConstantDamping
-stiffness = "$stiffness N/m^1.5"  # Hertz's, of a corner; steel has 1.5e10 to 1.5e11
-restitution = $restitution  # speed after an impact over that before it
-
-$friction
-
-$loads
-
-[run]
-length = "$travel m"  # of rail
-window = "$window m"  # of the rail for which each number of the result stands
-# begin = "$begin m"  # place of the rail; without this line where the rail begins
-# steps_per_period = 400  # steps of integration in a window; without this line as many as impacts need
-
-# [start]  # of the motion; without this table the $body is at rest on the rail
-# z = "0 mm"  # also y; roll, pitch, yaw; v_y, v_z; w_x, w_y, w_z
-""")
-
-MOUNT = Template("""
-[[mounts]]  # $name
-x = "$x m"  # of the slipper's middle from the sled's centre of mass, forwards
-y = "$y m"  # to the left
-z = "$z m"  # upwards$rail
-""")
-MODES = """
-# [modes]  # elastic modes; without this table the sled is rigid
-# beam = { mass = "400 kg", length = "3 m", stiffness = "5e6 N m^2" }  # or file = "modes.csv", from finite elements
-"""
-OF_SLIPPER = {
-    "what": "A slipper on a rail",
-    "body": "slipper",
-    "whole": "of the slipper alone; a sled on springs is a table [payload]",
-    "middle": "centre of mass",
-    "box": "section",
-}
-"""Texts for a file of one slipper."""
-OF_SLED = {
-    "what": "A sled on slippers",
-    "body": "sled",
-    "whole": "of the sled with its slippers",
-    "middle": "middle",
-    "box": "slippers",
-}
-"""Texts for a file of a sled."""
 SLED = ((1.2, 0.9, -0.2), (-1.2, 0.9, -0.2), (1.2, -0.9, -0.2), (-1.2, -0.9, -0.2))
 """Places of the slippers of --sled [m]."""
-
-CONSTANT = Template("""\
-speed = "$speed m/s"  # constant""")
-FROM_TO = Template("""
-[speed]  # at constant acceleration between these places
-distance = { values = [$begin, $end], unit = "m" }  # along the rail
-speed = { values = [$speed, $end_speed], unit = "m/s" }  # there""")
-HISTORY = Template("""
-[speed]
-file = $file  # columns time or distance, and speed, with their units
-begin = "$begin m"  # where along the rail the sled is at the first time, or at distance zero of the file""")
-
-TWO_RAILS = Template("""\
-[track]
-type = "TwoRails"
-$gauge
-
-$left
-
-$right""")
-RANDOM_RAILS = Template("""\
-[track]
-type = "RandomRails"
-$gauge
-coherence = 0.95  # of left and right, magnitude squared; a gauge that varies more than the play wedges the sled
-seed = 0  # number of the pair of rails; each is another one
-
-$rail""")
-SURVEY = Template("""\
-[$table]
-${first}file = $file  # columns distance, lateral and vertical, with their units
-ends = "straight"  # how the rail goes on beyond its survey; or "repeat", or "error" for none""")
-RANDOM = Template("""\
-[$table]  # a random rail, $words
-$entries""")
-REMARKS = {
-    "lateral": "density of the displacement to the left by the wavenumber",
-    "vertical": "and of that upwards",
-    "band": "its shortest and its longest wave",
-    "length": "of the rail",
-    "seed": "number of the rail; each is another one",
-    "roughness": "factor of all displacements",
-    "ends": "how it goes on beyond its length",
-    "ramp": "over which it becomes straight at its ends",
-    "first": "where it begins",
-}
-"""Explanations of the values of a random rail."""
-
-FRICTION = Template("""\
-[friction]
-type = "Coulomb"  # or FadingFriction, with power and exponent
-coefficient = $value  # force along the rail over that across it""")
-DOWN = Template("""\
-[[load]]  # such as a share of the sled's weight
-type = "AppliedLoad"
-force = { values = [0, 0, -$value], unit = "N" }  # along x (forwards), y (left) and z (up)""")
-DRAG = Template("""\
-[[load]]  # drag of the air
-type = "AerodynamicLoad"
-area = "$value m^2"  # that the coefficients refer to
-drag_coefficient = 1.0  # of that area; also lift_coefficient, side_coefficient, and tables of them by mach
-arm = { values = [0, 0, 0], unit = "mm" }  # where it acts, from the $body's centre of mass""")
-TABLE = Template("""\
-[[load]]
-type = "TabulatedLoad"
-file = $value  # columns time, distance or speed, and force_x (thrust), force_y, force_z, moment_x, ...
-arm = { values = [0, 0, 0], unit = "mm" }  # where the force acts, from the $body's centre of mass""")
-
-RAILS = {
-    "sled": "of a sled track's published spectrum",
-    **{f"german-{name}": f"of German railways, {name} disturbance" for name in ("low", "high")},
-    **{f"fra-{k}": f"of class {k} of the Federal Railroad Administration" for k in range(1, 7)},
-}
-"""Random rails by the names for --rail."""
+RAILS = ("sled", "german-low", "german-high", *(f"fra-{k}" for k in range(1, 7)))
+"""Random rails: the constructor of `RandomTrack`, and its argument."""
 WINDOW = 1.0
 """Window of the run [m]."""
 TRAVEL = 500.0
 """Length of the run where no file gives it [m]."""
+TEXTS = {
+    "history": "Columns time or distance, and speed, with their units.",
+    "begin": "Where along the rail the sled is at the first time, or at distance zero of the file.",
+    "loads": "Columns time, distance or speed, and force_x (thrust), force_y, force_z, moment_x, ... with units.",
+    "inertia": "About x, y and z [kg m^2], ESTIMATED: those of a box around the section, or the slippers of a sled.",
+}
+"""Remarks on values of the file that are no fields of the scene, or estimated."""
 
 
-def _number(name: str, default: float | None, text: str) -> Adds:
+def _number(name: str, default: float | None, text: str):
     """Return an option for a number of the scene, by the name of its parameter."""
     q = PARAMETERS[name]
     return option(f"--{name}", Measure(q), f"{text} [{q.display_unit}].", default=default)
 
 
-def _measure(name: str, unit: str, text: str, **more: object) -> Adds:
+def _measure(name: str, unit: str, text: str):
     """Return an option for another number with a unit."""
-    return option(f"--{name}", Measure(Quantity(name, unit, text)), f"{text[0].upper()}{text[1:]} [{unit}].", **more)
+    return option(f"--{name}", Measure(Quantity(name, unit, text)), f"{text[0].upper()}{text[1:]} [{unit}].")
 
 
 _MILLIMETRES = Measure(Quantity("corner", "m", "place in the section", shown_unit="mm"))
@@ -250,146 +127,129 @@ METRES = Measure(Quantity("mount", "m", "place on the sled"))
 @_measure("travel", "m", "length of the run; default: as far as the tables of rail and speed go")
 @flag("--force", "Replace an existing file.")
 def new(
-    file: Path,
-    section: Path | None,
-    corner: tuple[tuple[float, float], ...],
-    centre: tuple[float, float],
-    inertia: tuple[float, float, float] | None,
-    friction: float | None,
-    speed: str,
-    end_speed: float | None,
-    rail: str,
-    right_rail: str | None,
-    sled: bool,
-    mount: tuple[tuple[float, float, float], ...],
-    down: float | None,
-    drag_area: float | None,
-    load: Path | None,
-    travel: float | None,
-    force: bool,
-    **numbers: float,
+    file,
+    section,
+    corner,
+    centre,
+    inertia,
+    friction,
+    sled,
+    mount,
+    down,
+    drag_area,
+    load,
+    force,
+    speed,
+    end_speed,
+    rail,
+    right_rail,
+    travel,
+    **numbers,
 ) -> None:
     """Write a first scene: FILE, in TOML, with all numbers of the slipper or the sled, its rails and its run.
 
     All other values are those of the paper's slipper on a random sled track. Read the file, change it, and run it
     with `slipperjax run FILE`.
     """
-    # here, because help does not need these
-    from ..model.scene_files import scene_from_toml
-
     require(file.suffix.lower() == ".toml", "file", "end with .toml", shown=str(file))
     if file.exists() and not force:
         raise ValueError(f"{file} is there already: name another one, or replace it by --force.")
-    points, names = _points(section, corner)
-    points = points - np.array(centre)
-    places = np.array(mount or (SLED if sled else [[0.0, 0.0, 0.0]]))
     is_sled = sled or bool(mount)
-    words = OF_SLED if is_sled else OF_SLIPPER
+    places = np.array(mount or (SLED if sled else [[0.0, 0.0, 0.0]]))
     if numbers["mass"] is None:
         numbers["mass"] = 400.0 if is_sled else 14.0
-    values = {name: f"{number:.9g}" for name, number in numbers.items()}
-    # around all slippers and the centre of mass
+    values = {name: float(f"{PARAMETERS[name].from_shown(number):.9g}") for name, number in numbers.items()}
+    own_section = _section(section, corner, centre)
+    # of a box around all slippers and the centre of mass
     spans = np.ptp(np.append(places, [[0.0, 0.0, 0.0]], axis=0), axis=0)
-    box = (spans + np.append(numbers["length"], 1e-3 * np.ptp(points, axis=0))) ** 2
-    moments = numbers["mass"] / 12 * (np.sum(box) - box) if inertia is None else inertia
-    quoted = [f'"{name}"' for name in names]
-    values |= {
-        "name": file.name,
-        "inertia": ", ".join(f"{moment:.6g}" for moment in moments),
-        **words,
-        "source": f"ESTIMATED: those of a box around the {words['box']}" if inertia is None else "as given",
-        "mounts": _mounts(places) if is_sled else "",
-        "names": ", ".join(quoted),
-        "faces": ", ".join(f"[{a}, {b}]" for a, b in zip(quoted[::2], quoted[1::2], strict=True)),
-        "points": "\n".join(f"    [{y:.9g}, {z:.9g}]," for y, z in points),
-        "window": f"{WINDOW:g}",
-        **_way(file, speed, end_speed, _rails(places, rail, right_rail), _gauge(places), travel),
-        "friction": _part(FRICTION, friction, 0.2),
-    }
-    loads = [
-        _part(DOWN, down, 800.0),
-        _part(DRAG, drag_area, 0.01, **words),
-        _part(TABLE, None if load is None else _beside(file, load), _beside(file, Path("thrust.csv")), **words),
+    box = (spans + np.append(values["length"], np.ptp(own_section.points, axis=0))) ** 2
+    moments = inertia or [float(f"{moment:.6g}") for moment in values["mass"] / 12 * (np.sum(box) - box)]
+    body = dict(mass=values["mass"], inertia=moments, length=values["length"])
+    if is_sled:
+        # on a monorail all are in the middle
+        sides = np.where(places[:, 1] > 0, "left", "right") if places[:, 1].any() else [""] * len(places)
+        body["mounts"] = [Mount(*place, rail=str(side)) for place, side in zip(places, sides, strict=True)]
+    slipper = Sled(**body) if is_sled else Slipper(**body)
+    way = _way(places, speed, end_speed, rail, right_rail, travel)
+    scene = dataclasses.replace(paper_scene(), slipper=slipper, section=own_section, track=way["track"])
+    tables = {**table_of(scene.replace(**values)).values, **way}
+    if inertia is None:
+        tables["slipper"] = table_of(slipper, inertia=TEXTS["inertia"])
+    if friction is not None:
+        tables["friction"] = Coulomb(friction)
+    loads = []
+    if down is not None:
+        loads.append(AppliedLoad([0.0, 0.0, -down]))
+    if drag_area is not None:
+        loads.append(AerodynamicLoad(drag_area, 1.0))
+    if load is not None:
+        of_file = {TYPE: TabulatedLoad.__name__, "file": str(load), "arm": [0.0, 0.0, 0.0]}
+        loads.append(Table(TabulatedLoad, of_file, {"file": TEXTS["loads"]}))
+    if loads:
+        tables["load"] = loads
+    text = [
+        f"# A {'sled on slippers' if is_sled else 'slipper on a rail'}. Run it by",
+        f"#     slipperjax run {file.name}",
+        '# Every number has a unit, any of its kind, as "1.5 mm" or "1/16 in". What stands behind # is a remark. The',
+        "# page docs/how_to/scenes.md shows all tables.",
+        "",
+        *toml_lines(Table(Scene, tables), remarks=True, folder=file.parent),
+        "",
     ]
-    values["loads"] = "\n\n".join(loads)
-    text = SCENE.substitute(values)
     # errors are found before anything is written
-    scene_from_toml(text, str(file))
-    write_whole(file, text.encode())
+    scene_from_toml("\n".join(text), str(file))
+    write_whole(file, "\n".join(text).encode())
     print(f"wrote {file}: look through it, and run it by slipperjax run {file}")
 
 
-def _points(section: Path | None, corners: tuple[tuple[float, float], ...]) -> tuple[np.ndarray, list[str]]:
-    """Return the points of the section [mm] and their names, two successive points for each face."""
-    from ..tools.tables import Table
+def _section(table: Path | None, corners: Sequence[Sequence[float]], centre: Sequence[float]) -> Section:
+    """Return the section of a table or of corners [mm], by default the paper's, without play.
 
-    if section is not None and corners:
+    **Arguments:** `centre`: the slipper's centre of mass among the points [mm].
+    """
+    if table is not None and corners:
         raise ValueError("Option --corner must not be given with --section, which has all points.")
-    if section is None and not corners:
-        paper = paper_scene().section
-        names = [name for face in paper.faces for name in face]
-        return 1e3 * np.asarray(paper.points)[[paper.names.index(name) for name in names]], names
+    option = "--corner" if table is None else "--section"
     points = np.array(corners)
-    named: list[str] = []
-    if section is not None:
-        table = Table(section, content_of(section), {"y": "m", "z": "m"}, {}, labels="point")
-        named = table.labels
-        if len(table.columns) < 2:
-            table.fault(f"must have y and z, but has {', '.join(table.columns)}")
-        points = 1e3 * np.stack(list(table.si().values()), axis=1)
-    option = "--corner" if section is None else "--section"
+    names = []
+    if table is not None:
+        read = Columns(table, content_of(table), {"y": "m", "z": "m"}, {}, labels="point")
+        names = read.labels
+        if len(read.columns) < 2:
+            read.fault(f"must have y and z, but has {', '.join(read.columns)}")
+        points = 1e3 * np.stack(list(read.si().values()), axis=1)
+        if names:
+            once = len(set(names)) == len(names) and all(names)
+            require(once, option, "have another name for each point", shown=", ".join(names))
     require(len(points) % 2 == 0, option, "have two points for each face", shown=f"{len(points)} points")
-    if named:
-        once = len(set(named)) == len(named) and all(named)
-        require(once, option, "have another name for each point", shown=", ".join(named))
-        return points, named
     # from A to Z, then from A2 on
-    names = [chr(ord("A") + k % 26) + (str(k // 26 + 1) if k >= 26 else "") for k in range(len(points))]
-    return points, names
-
-
-def _rails(places: np.ndarray, rail: str, right: str | None) -> dict[str, str]:
-    """Return the rails for slippers at places [m], by the tables of the file: "track" is a single rail, "track.rail"
-    means two rails of one survey or spectrum."""
-    y = places[:, 1]
-    if not y.any():
-        require(right is None, "--right-rail", "come with --sled, or a --mount on it", right)
-        return {"track": rail}
-    require(y.all(), "--mount", "have a y above or below 0 for each, or 0 for all", shown="0 for some")
-    return {"track.rail": rail} if right is None else {"track.left": rail, "track.right": right}
-
-
-def _gauge(places: np.ndarray) -> float | None:
-    """Return the distance between two rails [m]; None where the places of slippers [m] do not give it."""
-    beside = np.abs(places[:, 1])
-    return float(2 * beside[0]) if beside.all() and np.ptp(beside) == 0 else None
-
-
-def _mounts(places: np.ndarray) -> str:
-    """Return the tables of slippers at places [m]."""
-    two = places[:, 1].any()
-    tables = []
-    counts = {"left": 0, "right": 0}
-    for x, y, z in places:
-        side = "left" if y >= 0 else "right"
-        counts[side] += 1
-        name = f"{side}{counts[side]}" if two else f"slipper {counts[side]}"
-        rail = f'\nrail = "{side}"  # on which it is' if two else ""
-        tables.append(MOUNT.substitute(name=name, x=f"{x:.9g}", y=f"{y:.9g}", z=f"{z:.9g}", rail=rail))
-    return "".join([*tables, MODES])
+    names = names or [ascii_uppercase[k % 26] + (str(k // 26 + 1) if k > 25 else "") for k in range(len(points))]
+    faces = tuple(zip(names[::2], names[1::2], strict=True))
+    if not faces:
+        paper = paper_scene().section
+        points, names, faces = 1e3 * np.asarray(paper.points), paper.names, paper.faces
+    # rounded in mm, in which they are written
+    return Section(1e-3 * np.round(points - np.array(centre), 9), np.zeros(len(faces)), tuple(names), faces)
 
 
 def _way(
-    file: Path, speed: str, end_speed: float | None, rails: dict[str, str], gauge: float | None, travel: float | None
-) -> dict[str, str]:
-    """Return the template's texts for rails, speed and length of the run, from options."""
-    from ..model.surveys import SurveyedRails, SurveyedTrack, load_speed
-
-    surveys = []
-    for name, (table, rail) in zip(("--rail", "--right-rail"), rails.items(), strict=False):
-        if rail not in RAILS:
-            path = _existing(name, rail, f"one of {', '.join(RAILS)}")
-            surveys.append(SurveyedRails(path, gauge=gauge) if table == "track.rail" else SurveyedTrack(path))
+    places: np.ndarray, speed: str, end_speed: float | None, rail: str, right: str | None, travel: float | None
+) -> dict[str, object]:
+    """Return track, speed and run of slippers at places [m], from options."""
+    y = places[:, 1]
+    two = bool(y.any())
+    require(two or right is None, "--right-rail", "come with --sled, or a --mount on it", right)
+    require(y.all() or not two, "--mount", "have a y above or below 0 for each, or 0 for all", shown="0 for some")
+    # places that are not symmetric give no gauge
+    gauge = float(2 * abs(y[0])) if two and np.ptp(np.abs(y)) == 0 else None
+    rails = {"--rail": rail} if right is None else {"--rail": rail, "--right-rail": right}
+    surveys: dict[str, SurveyedTrack | SurveyedRails] = {}
+    for name, text in rails.items():
+        if text not in RAILS:
+            path = _existing(name, text, f"one of {', '.join(RAILS)}")
+            surveys[name] = SurveyedRails(path, gauge=gauge) if two and right is None else SurveyedTrack(path)
+    begin = max((float(survey.begin) for survey in surveys.values()), default=0.0)
+    spans = [min(float(survey.extent) for survey in surveys.values()) - begin] if surveys else []
     history = None
     try:
         first = float(Measure(PARAMETERS["speed"]).convert(speed, None, None))
@@ -397,67 +257,35 @@ def _way(
         history = load_speed(_existing("--speed", speed, "a speed"))
         if end_speed is not None:
             raise ValueError(f"Option --end-speed must not be given with the history {speed}.") from None
-    begin = 0.0
-    spans = []
-    if surveys:
-        begin = max(float(survey.begin) for survey in surveys)
-        spans.append(min(float(survey.extent) for survey in surveys) - begin)
-    if history is not None:
         spans.append(float(history.distance[-1] - history.distance[0]))
     length = WINDOW * max(1, int(min(spans, default=TRAVEL) / WINDOW)) if travel is None else travel
-    way = {"begin": f"{begin:.9g}", "travel": f"{length:.9g}", "track": _track(file, rails, gauge, length)}
     if history is not None:
         # distances of the rail stay unchanged; other distances begin with the rail
         start = float(history.distance[0])
         on_rail = begin <= start < begin + (spans[0] if surveys else length)
-        shift = f"{0.0 if on_rail else begin - start:.9g}"
-        way["speed"] = HISTORY.substitute(file=_beside(file, user_path(speed)), begin=shift)
-    elif end_speed is None:
-        way["speed"] = CONSTANT.substitute(speed=f"{first:.9g}")
+        shift = f"{0.0 if on_rail else begin - start:.9g} m"
+        texts = {"file": TEXTS["history"], "begin": TEXTS["begin"]}
+        way = Table(SpeedProgramme, {"file": str(user_path(speed)), "begin": shift}, texts)
+    elif end_speed is not None:
+        way = Table(SpeedProgramme, {"distance": [begin, begin + length], "speed": [first, end_speed]})
     else:
-        ends = {"end": f"{begin + length:.9g}", "end_speed": f"{end_speed:.9g}"}
-        way["speed"] = FROM_TO.substitute(begin=way["begin"], speed=f"{first:.9g}", **ends)
-    return way
+        way = first
+    tracks = [surveys.get(name) or _random(text, length, k) for k, (name, text) in enumerate(rails.items())]
+    track = tracks[0]
+    if right is not None:
+        track = TwoRails(*tracks, gauge=gauge)
+    elif two and not surveys:
+        # a gauge that varies more than the play wedges the sled
+        track = RandomRails(track, 0.95, gauge)
+    return {"speed": way, "track": track, "run": RunTable(length, window=WINDOW)}
 
 
-def _track(file: Path, rails: dict[str, str], gauge: float | None, length: float) -> str:
-    """Return the tables of the rails for a run of some length [m]; rails that are not random are surveys."""
-    between = f'gauge = "{gauge or 1.8:.9g} m"  # between the axes of the rails; without it each is at its mounts'
-    between = between if gauge else f"# {between}"
-    tables = []
-    for seed, (table, rail) in enumerate(rails.items()):
-        alike = table == "track.rail"
-        if rail in RAILS:
-            # for two similar rails the pair has the seed
-            one = _random(rail, length, table, None if alike else seed)
-            tables.append(RANDOM_RAILS.substitute(gauge=between, rail=one) if alike else one)
-        else:
-            # a survey is known by its file, except in a table within the track's table
-            first = {"track": "", "track.rail": f"{between}\n"}.get(table, 'type = "SurveyedTrack"\n')
-            path = _beside(file, user_path(rail))
-            tables.append(SURVEY.substitute(table=table.removesuffix(".rail"), first=first, file=path))
-    if len(tables) == 1:
-        return tables[0]
-    left, right = tables
-    return TWO_RAILS.substitute(gauge=between, left=left, right=right)
-
-
-def _random(rail: str, length: float, table: str, seed: int | None) -> str:
-    """Return the table of a random rail of at least some length [m]; without a seed where it is None."""
-    from ..model.random_rails import RandomTrack
-
+def _random(rail: str, length: float, seed: int) -> RandomTrack:
+    """Return a random rail of at least some length [m]."""
     kind, _, which = rail.partition("-")
-    make = {"sled": RandomTrack.sled, "german": RandomTrack.german, "fra": RandomTrack.fra}[kind]
     of = [int(which) if which.isdecimal() else which] if which else []
     # rails are at least twice as long as their longest wave
-    track = make(*of, length=max(length, 200.0), seed=seed or 0)
-    text = dataclasses.replace(paper_scene(), track=track).to_toml()
-    lines = []
-    for line in text.partition("[track]\n")[2].partition("\n\n")[0].splitlines():
-        name = line.partition(" ")[0]
-        if name != "seed" or seed is not None:
-            lines.append(f"{line}  # {REMARKS[name]}" if name in REMARKS else line)
-    return RANDOM.substitute(table=table, words=RAILS[rail], entries="\n".join(lines))
+    return getattr(RandomTrack, kind)(*of, length=max(length, 200.0), seed=seed)
 
 
 def _existing(option: str, text: str, otherwise: str) -> Path:
@@ -465,15 +293,3 @@ def _existing(option: str, text: str, otherwise: str) -> Path:
     path = user_path(text)
     require(path.is_file(), option, f"be a file, or {otherwise}", text, names=RAILS if "rail" in option else ())
     return path
-
-
-def _beside(file: Path, other: Path) -> str:
-    """Return the path of another file relative to the folder of a file, as a text of TOML."""
-    return json.dumps((other if other.is_absolute() else Path(os.path.relpath(other, file.parent))).as_posix())
-
-
-def _part(template: Template, value: float | str | None, example: float | str, **words: str) -> str:
-    """Return a part of the file; if it has no value, as remarks with an example."""
-    given = example if value is None else value
-    text = template.substitute(words, value=given if isinstance(given, str) else f"{given:.9g}")
-    return "\n".join(f"# {line}" for line in text.splitlines()) if value is None else text

@@ -12,7 +12,7 @@ import json
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 import diffrax
@@ -42,44 +42,14 @@ INTERRUPTED = 130
 """Exit code after Ctrl-C."""
 
 
-Command = Callable[..., object]
-"""The function of a command."""
-Adds = Callable[[Command], Command]
-"""A decorator that adds an option to a command."""
-Type = click.ParamType | type | None
-
-
-def option(name: str, type: Type | tuple[Type, ...], text: str, **more: object) -> Adds:
-    """Return an option of a command; `text` is its help, `more` are arguments of `click.option`."""
-    return click.option(name, type=type, help=text, **more)
-
-
-def flag(name: str, text: str) -> Adds:
-    """Return an option without a value."""
-    return click.option(name, is_flag=True, help=text)
-
-
-class Default:
-    """The default of an argument of a function of the package; commands do not state it a second time.
-
-    The default is read from the source, because importing the function would take long.
-    """
-
-    def __init__(self, function: str, argument: str):
-        """**Arguments:** `function`: its module and name, such as sweeps.sweep.sweep."""
-        self.function = function
-        self.argument = argument
-
-    def __call__(self) -> object:
-        return _defaults(self.function)[self.argument]
-
-    def __str__(self) -> str:
-        return str(self())
-
-
 @functools.cache
-def _defaults(function: str) -> dict[str, object]:
-    """Return the defaults of a function's arguments that are written as numbers, texts or tuples of these."""
+def defaults(function: str) -> dict[str, object]:
+    """Return the defaults of a function's arguments that are written as numbers, texts or tuples of these.
+
+    They are read from the source, because importing the function would take long.
+
+    **Arguments:** `function`: its module and name, such as sweeps.sweep.sweep.
+    """
     module, _, name = function.rpartition(".")
     source = Path(__file__).parents[1].joinpath(*module.split(".")).with_suffix(".py").read_text()
     named = {node.name: node for node in ast.parse(source).body if isinstance(node, ast.FunctionDef)}
@@ -92,8 +62,43 @@ def _defaults(function: str) -> dict[str, object]:
     return {one.arg: ast.literal_eval(value) for one, value in pairs if isinstance(value, ast.Constant | ast.Tuple)}
 
 
+class CommandOf(click.Command):
+    """A command of a function of the package, whose defaults it does not state a second time.
+
+    An option without a default has that of the function's argument of the same name.
+    """
+
+    def __init__(self, *given: Any, of: str = "", **more: Any):
+        """**Arguments:** `of`: as for `defaults`; empty for a command that states all defaults."""
+        super().__init__(*given, **more)
+        self.of = of
+
+
+class _OptionOf(click.Option):
+    """An option without a default of its own."""
+
+    def get_default(self, ctx: click.Context, call: bool = True) -> Any:
+        value = super().get_default(ctx, call)
+        if of := getattr(ctx.command, "of", ""):
+            value = defaults(of).get(self.name, value)
+        return (value,) if self.multiple and isinstance(value, str) else value
+
+
+def option(name: str, type: Any, text: str, **more: Any):
+    """Return an option of a command; `text` is its help, `more` are arguments of `click.option`."""
+    kind = click.Option if "default" in more else _OptionOf
+    return click.option(name, cls=kind, type=type, help=text, **more)
+
+
+def flag(name: str, text: str):
+    """Return an option without a value."""
+    return click.option(name, is_flag=True, help=text)
+
+
 class Group(click.Group):
     """A group of commands that ends silently at an interrupt; click would print a line."""
+
+    command_class = CommandOf
 
     def invoke(self, ctx: click.Context) -> object:
         # click would print a line, and exit with 1
@@ -223,12 +228,12 @@ def parameters_of(quantities: Mapping[str, Quantity]) -> str:
     return f"Parameters: {units}; or a path such as section.play.2 [SI unit]. Other units: '1/16 in'."
 
 
-def bounds(name: str, text: str, **more: object) -> Adds:
+def bounds(name: str, text: str, **more: Any):
     """Return an option that takes a parameter and its bounds."""
     return option(name, (str, VALUE, VALUE), f"{text} {parameters_of(PARAMETERS)}", metavar="NAME LOW HIGH", **more)
 
 
-def result(default: str | None, text: str = "") -> Adds:
+def result(default: str | None, text: str = ""):
     """Return the option --out of commands that write a result, whose value is a list of paths."""
     endings = (
         ".nc (all numbers), .png or .svg (a picture), .pdf (a picture or a report), .csv (tables), .xlsx (tables and "
@@ -242,7 +247,7 @@ def result(default: str | None, text: str = "") -> Adds:
 _PAPER = inspect.signature(paper_scene).parameters  # help states their defaults
 
 
-def _of_case(name: str) -> Adds:
+def _of_case(name: str):
     """Return the option that overrides a parameter of the scene."""
     q = PARAMETERS[name]
     # the default scene is the paper's
@@ -264,7 +269,7 @@ begin = option(
 """The option of commands whose motion travels along the rail."""
 MEMORIES = {"event": EventLatch, "peak": PeakRateLatch, "smooth": SmoothSwitch}
 """Contact memories by the words for --memory."""
-CASE: dict[str, Adds] = {
+CASE = {
     "scene": option(
         "--scene", INPUT, "TOML file of a scene, - for standard input, or netCDF file of a result with the scene."
     ),
@@ -346,7 +351,7 @@ class Case(NamedTuple):
         return ", ".join([*words, start])
 
 
-def takes_case(command: Command) -> Command:
+def takes_case(command: Callable) -> Callable:
     """Return a command that also has the options of `CASE`, and whose function gets a `Case` as its argument `case`.
 
     A command that has its own option or argument `scene` keeps it.
@@ -360,7 +365,7 @@ def takes_case(command: Command) -> Command:
         return command(case=case, **given)
 
     # decorators apply from the last, so that help lists the first option first
-    made: Command = call
+    made: Callable = call
     for name, add in reversed(CASE.items()):
         made = made if name in own else add(made)
     return made
@@ -396,7 +401,6 @@ def make_case(
     from ..model.tracks import HarmonicTrack
     from ..solvers.named import resolve_solver
     from ..sweeps.loading import load
-    from ..tools.units import parsed
 
     found = None if scene is None else load(scene)
     made = paper_scene() if found is None else found.scene
@@ -415,7 +419,9 @@ def make_case(
         parts["track"] = dataclasses.replace(track, wavelengths=tuple(wavelength))
     if parts:
         made = dataclasses.replace(made, **parts)
-    numbers = {name: PARAMETERS[name].from_shown(value) for name, value in values.items() if value is not None}
+    numbers: dict[str, Any] = {
+        name: PARAMETERS[name].from_shown(value) for name, value in values.items() if value is not None
+    }
     # each text is a name and a value, with or without a unit
     for text in set:
         name, equals, value = (part.strip() for part in text.partition("="))
@@ -425,7 +431,7 @@ def make_case(
         try:
             numbers[name] = float(value)
         except ValueError:
-            numbers[name] = parsed(name, value, parameter(name, made).unit)
+            numbers[name] = value
     made = made.replace(**numbers)
     file = found if found is None or isinstance(found, SceneFile) else _as_file(found)
     return Case(made, start, resolve_solver(made, solver), steps_per_period, file)
@@ -459,3 +465,14 @@ def make_bounds(
     shown = f"{low:g} to {high:g} {quantity.display_unit}"
     require(low < high, option, "have two bounds, the smaller first", shown=shown)
     return quantity, (float(bounds[0]), float(bounds[1]))
+
+
+def bounds_of_each(
+    option: str, scene: Scene, rows: Iterable[tuple[str, float | str, float | str]]
+) -> dict[str, tuple[float, float]]:
+    """Return the bounds of parameters [SI unit] by name, see `make_bounds`; each name must be given once."""
+    found: dict[str, tuple[float, float]] = {}
+    for name, low, high in rows:
+        require(name not in found, option, "name each parameter once", name)
+        found[name] = make_bounds(option, scene, name, low, high)[1]
+    return found

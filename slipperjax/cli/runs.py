@@ -22,7 +22,7 @@ from .options import (
     LOST,
     VALUE,
     Case,
-    Default,
+    CommandOf,
     app,
     begin,
     given,
@@ -36,12 +36,11 @@ from .options import (
 if TYPE_CHECKING:
     from ..results.result import Result
 
-COMPARE = "sweeps.compare.compare"
 SEPARATOR = "\t"
 """Separator between the words of --over, because words may have spaces in them."""
 
 
-class _Comparing(click.Command):
+class _Comparing(CommandOf):
     """A command whose option --over takes a name and any number of values."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
@@ -55,7 +54,7 @@ class _Comparing(click.Command):
         return super().parse_args(ctx, args)
 
 
-@app.command(cls=_Comparing)
+@app.command(cls=_Comparing, of="sweeps.compare.compare")
 @begin
 @option(
     "--over",
@@ -67,16 +66,14 @@ class _Comparing(click.Command):
     "--rails",
     COUNT,
     "Number of rails, first the survey, or of seeds of a random rail; the median needs 8, the share 0.95 needs 80.",
-    default=Default(COMPARE, "rails"),
 )
-@option("--starts", COUNT, "With --over: number of starts on each rail.", default=Default(COMPARE, "starts"))
+@option("--starts", COUNT, "With --over: number of starts on each rail.")
 @option(
     "--quantiles",
     float,
     "With --rails or --over: share of the runs with lower values; of several shares, for which the option is "
     "repeated, the last decides.",
     multiple=True,
-    default=Default(COMPARE, "quantiles"),
 )
 @option("--store", FILE, "With --rails or --over: keep runs in this store, from which the same command continues.")
 @result("run")

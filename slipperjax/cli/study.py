@@ -1,15 +1,9 @@
 """The command that repeats the paper's study."""
 
-from collections.abc import Iterable
-from pathlib import Path
-
 import click
 
 from .files import PARTIAL, make_folder
 from .options import COUNT, FILE, app, flag, option
-
-Texts = tuple[str, ...]
-"""Values of an option that may be repeated."""
 
 
 @app.command()
@@ -17,7 +11,7 @@ Texts = tuple[str, ...]
 @flag("--quick", "Use coarser grids and shorter transients.")
 @option("--transient", COUNT, "Forcing periods simulated before recording; default: 600, with --quick 300.")
 @option("--out", FILE, "Folder to write into.", default="reproduced")
-def reproduce(figures: Texts, quick: bool, transient: int | None, out: Path) -> None:
+def reproduce(figures, quick, transient, out) -> None:
     """Repeat the paper's study: draw its figures, and report which of its claims hold.
 
     FIGURES: numbers from 4 to 13; default: all.
@@ -41,12 +35,7 @@ def reproduce(figures: Texts, quick: bool, transient: int | None, out: Path) -> 
     # only the whole study compares other readings of the paper
     table = readings(progress=True) if not figures and not quick else []
     report, _ = write_report(out, answers, seconds, table)
-    _delete(partial)
-    good = sum(answer.good for answer in answers.values())
-    print(f"{good} of {len(answers)} claims reproduced, {len(answers) - good} differ: see {report}")
-
-
-def _delete(partial: Iterable[Path]) -> None:
-    """Delete the files of partial results after the whole files are written."""
     for path in partial:
         path.unlink(missing_ok=True)
+    good = sum(answer.good for answer in answers.values())
+    print(f"{good} of {len(answers)} claims reproduced, {len(answers) - good} differ: see {report}")

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
@@ -23,11 +23,10 @@ from .options import (
     FROM_ZERO,
     LOST,
     VALUE,
-    Adds,
     Case,
-    Default,
     app,
     begin,
+    defaults,
     flag,
     option,
     parameters_of,
@@ -44,16 +43,15 @@ Axis = tuple[str, float | str, float | str, int]
 """Parameter, first and last value in its display unit or as texts with a unit, number of values."""
 SWEEP = "sweeps.sweep.sweep"
 LYAPUNOV_SWEEP = "sweeps.sweep.lyapunov_sweep"
-ORBIT_SWEEP = "sweeps.sweep.orbit_sweep"
 PERIODS = {
-    "exponents": Default(LYAPUNOV_SWEEP, "periods"),
-    "orbits": Default(ORBIT_SWEEP, "period"),
+    "exponents": lambda: defaults(LYAPUNOV_SWEEP)["periods"],
+    "orbits": lambda: defaults("sweeps.sweep.orbit_sweep")["period"],
     "motion": lambda: MIN_TEST,
 }
 """Default of --periods by the record; for other records the default of `sweep`."""
 
 
-def axis(name: str, text: str, **more: object) -> Adds:
+def axis(name: str, text: str, **more: Any):
     """Return an option that takes a parameter and the values over which it is varied."""
     return option(name, (str, VALUE, VALUE, COUNT), text, metavar="NAME FIRST LAST COUNT", **more)
 
@@ -68,24 +66,19 @@ log = option(
 )
 
 
-def transient(function: str) -> Adds:
-    """Return the option for the periods before the recorded periods; its default is that of a function."""
-    default = Default(function, "transient")
-    return option("--transient", FROM_ZERO, "Forcing periods simulated before recording.", default=default)
-
-
+transient = option("--transient", FROM_ZERO, "Forcing periods simulated before recording.")
 show = option("--show", str, "Variable to draw; default: what suits the record.")
 
 
-@app.command()
+@app.command(of=SWEEP)
 @over
 @log
-@transient(SWEEP)
-@option("--periods", COUNT, "Forcing periods to record.", default=Default(SWEEP, "periods"))
+@transient
+@option("--periods", COUNT, "Forcing periods to record.")
 @begin
 @result("bifurcation")
 @takes_case
-def bifurcation(case: Case, over: Axis, log: tuple[str, ...], out: Sequence[Path], **options) -> int:
+def bifurcation(case: Case, over, log, out, **options) -> int:
     """Draw the five bifurcation diagrams over a parameter, from Poincare sections as in the paper's Fig. 5."""
     from ..sweeps.sweep import sweep as run
 
@@ -93,26 +86,19 @@ def bifurcation(case: Case, over: Axis, log: tuple[str, ...], out: Sequence[Path
     return _swept(run, case, grid, Outputs(out), **options)
 
 
-@app.command()
+@app.command(of=LYAPUNOV_SWEEP)
 @over
 @axis("--by", "Second parameter, like --over: draws a regime map.")
 @log
-@option(
-    "--count", COUNT, "Number of exponents to compute, the largest first.", default=Default(LYAPUNOV_SWEEP, "count")
-)
-@transient(LYAPUNOV_SWEEP)
-@option(
-    "--periods",
-    COUNT,
-    "Forcing periods over which exponents are averaged.",
-    default=Default(LYAPUNOV_SWEEP, "periods"),
-)
+@option("--count", COUNT, "Number of exponents to compute, the largest first.")
+@transient
+@option("--periods", COUNT, "Forcing periods over which exponents are averaged.")
 @begin
-@option("--certify/--no-certify", None, "Check every exponent by independent estimates.", default=True)
-@option("--orbits/--no-orbits", None, "Replace exponents of periodic cases by those of their orbits.", default=True)
+@option("--certify/--no-certify", None, "Check every exponent by independent estimates.")
+@option("--orbits/--no-orbits", None, "Replace exponents of periodic cases by those of their orbits.")
 @result("lyapunov")
 @takes_case
-def lyapunov(case: Case, over: Axis, by: Axis | None, log: tuple[str, ...], out: Sequence[Path], **options) -> int:
+def lyapunov(case: Case, over, by, log, out, **options) -> int:
     """Compute the largest Lyapunov exponents over one parameter, or over two as a regime map."""
     from ..sweeps.sweep import lyapunov_sweep
 
@@ -120,7 +106,7 @@ def lyapunov(case: Case, over: Axis, by: Axis | None, log: tuple[str, ...], out:
     return _swept(lyapunov_sweep, case, grid, Outputs(out), **options)
 
 
-@app.command()
+@app.command(of=SWEEP)
 @over
 @axis("--by", "Further parameter, like --over; every combination is a case; repeat for more.", multiple=True)
 @log
@@ -133,14 +119,15 @@ def lyapunov(case: Case, over: Axis, by: Axis | None, log: tuple[str, ...], out:
     "--record",
     str,
     "Record of each case: sections, strobe, history, exponents, orbits, or numbers such as motion, "
-    "peak_force, rms; repeat for several. Default: sections.",
+    "peak_force, rms; repeat for several.",
     multiple=True,
 )
-@transient(SWEEP)
+@transient
 @option(
     "--periods",
     COUNT,
     "Forcing periods to record; for orbits, their period. Default: 10, motion 200, exponents 500, orbits 1.",
+    default=None,
 )
 @begin
 @option(
@@ -156,32 +143,18 @@ def lyapunov(case: Case, over: Axis, by: Axis | None, log: tuple[str, ...], out:
 @result(None, " Default: sweep, or the name of the store, which is written as a picture alone.")
 @takes_case
 def sweep(
-    case: Case,
-    over: Axis,
-    by,
-    log,
-    sample,
-    record,
-    periods,
-    begin,
-    store,
-    explain,
-    show,
-    out: Sequence[Path],
-    transient,
-    **storing,
-):
+    case: Case, over, by, log, sample, record, periods, begin, store, explain, show, out, transient, **storing
+) -> int:
     """Simulate every combination of parameters, or a sample, into a file, or into a store that can be resumed."""
     from ..sweeps.explain import explain as estimate
     from ..sweeps.orbits import NearestOrbit
     from ..sweeps.sweep import sweep as run
 
     # the first record with its own default decides about the periods
-    names = record or ("sections",)
-    usual = next((PERIODS[name] for name in names if name in PERIODS), Default(SWEEP, "periods"))
+    usual = next((PERIODS[name] for name in record if name in PERIODS), lambda: defaults(SWEEP)["periods"])
     periods = periods or usual()
     # a single record is passed alone, as in scripts
-    records = names[0] if len(names) == 1 else list(names)
+    records = record[0] if len(record) == 1 else list(record)
     if records == "orbits":
         records = NearestOrbit(periods)
     options = dict(transient=transient, periods=periods, record=records, begin=begin, product=sample is None)
@@ -361,7 +334,7 @@ path = click.argument("path", type=FILE)
 
 @store.command()
 @path
-def status(path: Path) -> None:
+def status(path) -> None:
     """Print how much of the store PATH is finished; it may still be growing."""
     from ..sweeps.store import store_status
 
@@ -370,7 +343,7 @@ def status(path: Path) -> None:
 
 @store.command()
 @path
-def check(path: Path) -> int:
+def check(path) -> int:
     """Read the whole store PATH, and mark damaged tiles as missing, so that the next sweep computes them again.
 
     The exit code is 1 where tiles were damaged.
@@ -386,7 +359,7 @@ def check(path: Path) -> int:
 @path
 @show
 @result(None, " Default: a picture with the name of the store.")
-def draw(path: Path, show: str | None, out: Sequence[Path]) -> None:
+def draw(path, show, out) -> None:
     """Draw the store PATH, which may still be growing."""
     from ..sweeps.loading import load
     from ..sweeps.store import store_status

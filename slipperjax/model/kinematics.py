@@ -31,7 +31,7 @@ from .tracks import Irregularity
 
 def _coordinate(name: str, unit: str) -> Any:
     """Make a field that is zero by default and converts quantities of pint."""
-    return eqx.field(default=0.0, converter=converted(name, unit))
+    return eqx.field(default=0.0, converter=converted(name, unit), metadata={"unit": unit})
 
 
 def _modal(name: str, unit: str) -> Any:

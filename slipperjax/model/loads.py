@@ -211,7 +211,7 @@ class Coulomb(AbstractFriction):
     """Coulomb's friction, with the same coefficient everywhere."""
 
     coefficient: Float[Array, ""] = field("", not_negative)
-    """mu [1]."""
+    """Coefficient of friction mu [1]."""
 
     def coefficient_at(self, force, sliding):
         return self.coefficient
@@ -222,7 +222,7 @@ class FadingFriction(AbstractFriction):
     mu (1 + sliding speed x normal force / power)^-exponent."""
 
     coefficient: Float[Array, ""] = field("", not_negative)
-    """mu for slow sliding [1]."""
+    """Coefficient of friction mu for slow sliding [1]."""
     power: Float[Array, ""] = field("W", positive)
     """Sliding speed times normal force at which friction has decreased to mu / 2^exponent [W]."""
     exponent: Float[Array, ""] = field("", positive)

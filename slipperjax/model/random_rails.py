@@ -67,7 +67,7 @@ class PowerLawSpectrum(AbstractSpectrum):
     amplitude: Float[Array, ""] = field("m^2 per cycle/m", not_negative)
     """Density at 1 cycle per metre [m^2 per cycle/m]."""
     exponent: Float[Array, ""] = field("", positive)
-    """n [1]."""
+    """Exponent n [1]."""
 
     def density(self, wavenumber):
         return self.amplitude * wavenumber**-self.exponent

@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-import json
 import math
 from pathlib import Path
 
@@ -15,21 +14,22 @@ from jaxtyping import Array, Float
 from ..tools.checks import instance, known, positive, require, shown_number, warn
 from ..tools.code import classes_of
 from ..tools.compile import need_64_bits
-from ..tools.description import TYPE, build, describe
-from ..tools.fields import ShapeChecked, field, unit_of, with_static_functions
+from ..tools.description import build, describe
+from ..tools.fields import ShapeChecked, field, with_static_functions
 from ..tools.files import user_path, write_whole
 from ..tools.tracing import is_traced
 from ..tools.types import AnyArray, Numbers, Real
 from .contact import AbstractContactLaw, AbstractMemory, EventLatch, PeakRateLatch
-from .loads import AbstractFriction, AbstractLoad
+from .loads import AbstractFriction, AbstractLoad, SumLoad
 from .modes import Modes
 from .parameters import PARAMETERS, check_no_overlap, parameter
 from .payload import Payload
 from .quantities import COORDINATES, MOTION_NUMBERS
 from .random_rails import AbstractSpectrum
+from .scene_text import Table, table_of, toml_lines
 from .section import Section
 from .sled import Mount, Sled
-from .slipper import AbstractBody, Mounted, Slipper, side_by_side
+from .slipper import AbstractBody, Mounted, side_by_side
 from .tracks import PLAUSIBLE_LENGTHS, AbstractTrack, least_common_count
 from .travel import SpeedProgramme, Travel
 from .wear import AbstractWear
@@ -283,11 +283,15 @@ class Scene(ShapeChecked):
             scene = p.replaced(scene, checked)
         return scene
 
-    def to_toml(self, file: str | Path | None = None, *, start: eqx.Module | None = None) -> str:
+    def to_toml(
+        self, file: str | Path | None = None, *, start: eqx.Module | None = None, remarks: bool = False
+    ) -> str:
         """Return the scene as TOML text, exact to the last bit, which `slipperjax.load` reads.
 
-        **Arguments:** `file`: path to which the text is also written; default none. `start`: a motion to add, of the
-        slipper or a rigid sled.
+        **Arguments:** `file`: path to which the text is also written, with paths of surveys relative to its folder;
+        default none. `start`: a motion to add, of the slipper or a rigid sled. `remarks`: whether the
+        meaning of each value is written above it, and of each value that may be added. Digests of surveys are left
+        out then, so that the surveys may change.
 
         **Raises:** `ValueError` for a part that plain text cannot hold; `OSError` where the file cannot be written.
         """
@@ -295,24 +299,9 @@ class Scene(ShapeChecked):
         for name, own in {"speed": self.speed, **self.parts}.items():
             if any(classes_of(own)):  # parts of this package can be read back
                 _check_readable(name, own)
-        numbers = describe(self)
-        lines = []
-        # before the tables, because in TOML a line belongs to the table above it
-        for name in NUMBERS:
-            if not isinstance(numbers[name], dict):
-                lines += _line(name, numbers[name], unit_of(Scene, name))
-        if isinstance(self.speed, SpeedProgramme):
-            # without the type, because there is only one kind of programme
-            lines += ["", "[speed]", *_entries(self.speed)[1:]]
-        for name, own in self.parts.items():
-            part = _entries(own)
-            usual = type(own) in (PARTS[name][0], Slipper)  # the kind where the file gives none
-            lines += ["", f"[{name}]", *(part[1:] if usual else part)]
-        if isinstance(self.slipper, Sled):
-            for mount in self.slipper.mounts:
-                lines += ["", "[[mounts]]", *_entries(mount)[1:]]
-            if self.slipper.modes is not None:
-                lines += ["", "[modes]", *_entries(self.slipper.modes)[1:]]
+        values = dict(table_of(self).values)
+        if isinstance(self.load, SumLoad):
+            values["load"] = self.load.loads
         if start is not None:
             # by its name, because its module imports this module
             need = "be a slipperjax.Motion in TOML, such as run.end.motion"
@@ -321,13 +310,13 @@ class Scene(ShapeChecked):
             for name in ("payload", "modes"):
                 part = getattr(start, name)
                 require(part is None, "start", f"have no motion of the {name} in TOML", part)
-            lines += ["", "[start]", *([f'{TYPE} = "{kind}"'] if kind == "AtRest" else [])]
-            for name, value in describe(start).items():
-                if name != TYPE and value is not None and value != 0:
-                    lines += _line(name, value, START[name].unit)
+            moving = {name: value for name, value in table_of(start).values.items() if np.any(value != 0)}
+            values["start"] = Table(type(start), moving)
+        path = None if file is None else user_path(file, "file")
+        lines = toml_lines(Table(Scene, values), remarks=remarks, folder=path and path.parent)
         text = "\n".join(lines) + "\n"
-        if file is not None:
-            write_whole(user_path(file, "file"), text.encode())
+        if path is not None:
+            write_whole(path, text.encode())
         return text
 
     def value(self, name: str) -> Array:
@@ -420,39 +409,3 @@ def _check_readable(name: str, part: eqx.Module) -> None:
         same = False
         why = str(error)
     require(same, name, "be one that a file can hold", shown=f"{type(part).__name__}. {why}")
-
-
-def _entries(part: eqx.Module) -> list[str]:
-    """Return the lines of TOML of a module: its type, and each value that is neither None nor an empty text; without
-    the mounts and modes of a sled, which have their own tables."""
-    lines = []
-    for name, value in describe(part).items():
-        inner = getattr(part, name, None)
-        if isinstance(part, Sled) and name in ("mounts", "modes"):
-            continue
-        if isinstance(inner, eqx.Module):
-            lines.append(f"{name} = {_table(inner)}")
-        elif isinstance(inner, tuple) and inner and isinstance(inner[0], eqx.Module):
-            # such as the rails of a TrackSet
-            tables = ", ".join(_table(module) for module in inner)
-            lines.append(f"{name} = [{tables}]")
-        else:
-            lines += _line(name, value, unit_of(type(part), name))
-    return lines
-
-
-def _table(module: eqx.Module) -> str:
-    """Return a module as an inline table of TOML."""
-    return f"{{ {', '.join(_entries(module))} }}"
-
-
-def _line(name: str, value: object, unit: str) -> list[str]:
-    """Return a value as a line of TOML: a number with a unit as a text, an array with a unit as an inline table."""
-    if value is None or value == "":
-        return []
-    # numbers are written so that they are restored to the last bit
-    if unit in ("", "1"):
-        return [f"{name} = {json.dumps(value)}"]
-    if isinstance(value, list):
-        return [f"{name} = {{ unit = {json.dumps(unit)}, values = {json.dumps(value)} }}"]
-    return [f"{name} = {json.dumps(f'{value!r} {unit}')}"]

@@ -66,11 +66,17 @@ class RunTable(ShapeChecked):
     """The table `run` of a scene's file: arguments of `slipperjax.run`, and the `units` of its report."""
 
     length: Float[Array, ""] = field("m", positive)
+    """Length of rail [m]."""
     begin: Float[Array, ""] | None = field("m", finite, default=None)
+    """Place of the rail at which the run begins [m]; None: where the rail begins."""
     window: Float[Array, ""] | None = field("m", positive, default=None)
+    """Length of the rail for which each number of the result stands [m]; None: 1 m."""
     steps_per_period: int | None = None
+    """Steps of integration in a forcing period; None: as many as impacts need."""
     solver: str | None = None
+    """Name of the integration method; None: the one that suits the scene."""
     units: tuple[str, ...] | None = None
+    """Units in which results are shown, such as ["ft", "lbf", "g"]; None: SI units."""
 
     def __check_init__(self):
         if self.units is not None:

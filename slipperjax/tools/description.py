@@ -4,7 +4,7 @@ import dataclasses
 import functools
 import hashlib
 import inspect
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import equinox as eqx
@@ -158,17 +158,23 @@ def build(description: object, bases: tuple[type, ...], where: str = "") -> Any:
     return NORMS.get(description, description) if isinstance(description, str) else description
 
 
-def known_type(name: str, bases: tuple[type, ...], where: str) -> type:
-    """Return the class of a name in descriptions, with or without its package: the one defined last.
-
-    **Raises:** `ValueError` where no concrete subclass of `bases` has this name.
-    """
+def known_types(bases: Iterable[type]) -> dict[str, type]:
+    """Return the concrete classes among `bases` and their subclasses, by name."""
     classes = {}
     # a class that is defined again, as in a notebook, replaces the earlier class of the same name
     for base in bases:
         for kind in (base, *subclasses(base)):
             if not kind.__name__.startswith(("Abstract", "_")) and not getattr(kind, "__abstractmethods__", None):
                 classes[type_name(kind)] = kind
+    return classes
+
+
+def known_type(name: str, bases: tuple[type, ...], where: str) -> type:
+    """Return the class of a name in descriptions, with or without its package: the one defined last.
+
+    **Raises:** `ValueError` where no concrete subclass of `bases` has this name.
+    """
+    classes = known_types(bases)
     # the bare name is enough for a class of a user's module, unless another class has it
     fitting = [full for full in classes if full == name or full.endswith(f".{name}")]
     if len(fitting) == 1:

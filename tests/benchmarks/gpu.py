@@ -9,7 +9,6 @@ import re
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 import jax
@@ -19,25 +18,15 @@ import numpy as np
 import slipperjax as sj
 from slipperjax.flow.period_map import advance
 from slipperjax.flow.stepping import ConstantSteps
-from slipperjax.tools.files import table_lines
 
 from ..bench import rates
+from .timing import seconds, show
 
 LIMITS = {"H100": (33.5e12, 3.35e12), "H200": (33.5e12, 4.8e12), "A100": (9.7e12, 2.0e12)}
 """64-bit operations and bytes of memory per second by a part of the device's name."""
 SCENE = sj.paper_scene()
 ON_GPU = jax.default_backend() != "cpu"
 SPEEDS = np.linspace(100.0, 2500.0, 20_000 if ON_GPU else 500)
-
-
-def shown(rows: list[dict]) -> None:
-    print("\n" + "\n".join(table_lines(rows)), flush=True)
-
-
-def timed(call):
-    begin = time.perf_counter()
-    result = jax.block_until_ready(call())
-    return result, time.perf_counter() - begin
 
 
 def counted(lanes: int) -> dict[str, float]:
@@ -86,7 +75,7 @@ def throughput(sizes: list[int]) -> None:
             for name, limit in zip(("flops", "bytes accessed"), limits, strict=True):
                 row[f"of the limit of {name}"] = f"{100 * steps * of_step[name] / limit:.1f} %"
         table.append(row)
-    shown([{name: row.get(name, "") for name in {k: 0 for r in table for k in r}} for row in table])
+    show([{name: row.get(name, "") for name in {k: 0 for r in table for k in r}} for row in table])
 
 
 def peaks() -> np.ndarray:
@@ -97,17 +86,17 @@ def sweep_and_accuracy() -> None:
     """The highest forces of a sweep on this device, and on the CPU in a process of its own."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "peaks.npy")
-        code = f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r}); import gpu, numpy as np"
+        code = "import numpy as np; from tests.benchmarks import gpu"
         code += f"; gpu.SPEEDS = np.linspace(100.0, 2500.0, {len(SPEEDS)}); np.save({str(file)!r}, gpu.peaks())"
         beside = subprocess.Popen([sys.executable, "-c", code], env={**os.environ, "JAX_PLATFORMS": "cpu"})
-        here, first = timed(peaks)
+        here, first = seconds(peaks)
         assert beside.wait() == 0
-        again = timed(peaks)[1]
+        again = seconds(peaks)[1]
         difference = np.abs(here - np.load(file)) / np.nanmax(here)
     row = {"cases": len(SPEEDS), "first [s]": f"{first:.1f}", "again [s]": f"{again:.1f}"}
     for share in (50, 90, 99, 100):
         row[f"difference from the CPU, {share} %"] = f"{np.nanpercentile(difference, share):.1g}"
-    shown([row])
+    show([row])
 
 
 def gradients() -> None:
@@ -116,8 +105,8 @@ def gradients() -> None:
     table = []
     for name, derivative in {"value": end, "jacfwd": jax.jacfwd(end), "grad": jax.grad(end)}.items():
         compiled = sj.jit(derivative)
-        value, first = timed(lambda compiled=compiled: compiled(jnp.asarray(1250.0)))
-        again = timed(lambda compiled=compiled: compiled(jnp.asarray(1250.0)))[1]
+        value, first = seconds(lambda compiled=compiled: compiled(jnp.asarray(1250.0)))
+        again = seconds(lambda compiled=compiled: compiled(jnp.asarray(1250.0)))[1]
         row = {
             "of": name,
             "value": f"{float(value):.6g}",
@@ -125,7 +114,7 @@ def gradients() -> None:
             "again [ms]": f"{1e3 * again:.1f}",
         }
         table.append(row)
-    shown(table)
+    show(table)
 
 
 def main() -> None:

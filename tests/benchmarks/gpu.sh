@@ -11,5 +11,5 @@ mkdir -p "$folder"
 export PYTHONPATH="$PWD${PYTHONPATH:+:$PYTHONPATH}" TF_CPP_MIN_LOG_LEVEL=3
 begin=$SECONDS
 if [ "$($python -c 'import jax; print(jax.default_backend())')" = cpu ]; then sizes="100 1000"; else sizes="1000 10000 100000 1000000"; fi
-$python tests/benchmarks/gpu.py $sizes | tee "$folder/gpu.md"
+$python -m tests.benchmarks.gpu $sizes | tee "$folder/gpu.md"
 echo "in $((SECONDS - begin)) s"

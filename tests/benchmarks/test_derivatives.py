@@ -8,9 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from slipperjax.tools.files import table_lines
-
-from .timing import told
+from .timing import show, told
 
 ROWS = [
     *((solver, mode) for solver in ("RK4", "ImpulseRK4") for mode in ("value", "jacfwd", "grad", "jacfwd of jacfwd")),
@@ -41,7 +39,7 @@ def test_time_to_first_derivative():
         times = {"first [s]": parts["first"], "trace": traced, "lower": parts["lower"], "compile": parts["compile"]}
         shown = {name: f"{seconds:.1f}" for name, seconds in times.items()}
         rows.append({"of": what, "derivative": mode} | shown | {"again [ms]": f"{1e3 * parts['again']:.1f}"})
-    print("\n" + "\n".join(table_lines(rows)))
+    show(rows)
 
 
 @pytest.mark.benchmark
@@ -52,4 +50,4 @@ def test_second_process_takes_programs_from_the_cache(tmp_path):
     for what, mode in (row for row in ROWS if row[1] in ("jacfwd", "grad", "hessian")):
         first, second = (timed(what, mode, **kept)["first"] for _ in range(2))
         rows.append({"of": what, "derivative": mode, "first [s]": f"{first:.1f}", "second [s]": f"{second:.1f}"})
-    print("\n" + "\n".join(table_lines(rows)))
+    show(rows)

@@ -8,9 +8,7 @@ quarter of an hour.
 
 import pytest
 
-from slipperjax.tools.files import table_lines
-
-from .timing import told
+from .timing import shown, told
 
 pytestmark = pytest.mark.benchmark
 SCRIPT = """
@@ -40,8 +38,4 @@ print("ROW " + json.dumps({
 
 
 def test_memory_of_fits_of_many_windows():
-    rows = []
-    for windows, starts in ((25, 4), (100, 4), (400, 16)):
-        rows.append(told("-c", SCRIPT, windows, starts))
-        print(rows[-1], flush=True)
-    print("\n" + "\n".join(table_lines(rows)))
+    shown(told("-c", SCRIPT, windows, starts) for windows, starts in ((25, 4), (100, 4), (400, 16)))

@@ -15,11 +15,10 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
-from slipperjax.tools.files import table_lines
 
 from ..bench.measure import REFERENCE_STEPS, batch_speeds, cost_of, errors, run
 from ..bench.methods import METHODS, Case, all_cases
-from .timing import seconds, told
+from .timing import seconds, shown, told
 
 LANES, STRIDE = 241, 4
 """Cases in the batch, and the stride through those whose errors are measured."""
@@ -77,11 +76,7 @@ def main():
 
 @pytest.mark.benchmark
 def test_table_of_the_default():
-    rows = []
-    for case in hard_cases():
-        rows.append(told("-m", __name__, case.name))
-        print(rows[-1], flush=True)
-    print("\n" + "\n".join(table_lines(rows)))
+    rows = shown(told("-m", __name__, case.name) for case in hard_cases())
     assert all(float(row["error, median"]) < 0.1 for row in rows)
 
 

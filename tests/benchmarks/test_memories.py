@@ -15,10 +15,9 @@ import pytest
 from scipy.interpolate import make_interp_spline
 
 import slipperjax as sj
-from slipperjax.flow.period_map import PeriodMap
-from slipperjax.tools.compile import jit
 
 from ..sweeps import independent_run
+from .timing import batch, micros
 
 pytestmark = pytest.mark.benchmark
 MEMORIES = {"at touchdown": sj.model.EventLatch(), "fastest": sj.model.PeakRateLatch()}
@@ -134,28 +133,18 @@ def test_rails_by_an_independent_code():
 
 def test_cost_of_a_step():
     """Of a step and case in a batch, of alternating runs, relative to `EventLatch`."""
-    lanes, steps, periods = 64, 50, 20
-    speeds = jnp.linspace(1000.0, 2500.0, lanes)
-
-    def program(memory):
-        def motion(speed):
-            scene = sj.paper_scene(restitution=0.7, memory=memory).replace(speed=speed)
-            run = PeriodMap(scene, steps, sj.solvers.ImpulseRK4(), periods)
-            return run(sj.initial_state(scene, sj.table_2_start())).motion
-
-        return jit(jax.vmap(motion))
-
-    programs = {name: program(memory) for name, memory in MEMORIES.items()}
+    of = lambda memory: batch(sj.solvers.ImpulseRK4(), restitution=0.7, memory=memory)
+    programs = {name: of(memory) for name, memory in MEMORIES.items()}
     taken = {name: [] for name in MEMORIES}
     for _ in range(60):
         for name, run in programs.items():
             # of the processor, which other work on the machine disturbs less
             begin = time.process_time()
-            jax.block_until_ready(run(speeds))
+            jax.block_until_ready(run())
             taken[name].append(time.process_time() - begin)
     # without the first calls, which compile
     first, second = (of[1:] for of in taken.values())
-    micro = 1e6 * statistics.median(first) / (lanes * steps * periods)
     ratio = statistics.median(b / a for a, b in zip(first, second, strict=True))
-    print(f"\n{micro:.3f} us of processor time per step and case; with the fastest rate {ratio:.3f} of it")
+    own = micros(statistics.median(first))
+    print(f"\n{own:.3f} us of processor time per step and case; with the fastest rate {ratio:.3f} of it")
     assert ratio < 1.1  # measured 1.02 to 1.04 on a busy machine

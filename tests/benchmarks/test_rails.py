@@ -9,6 +9,7 @@ import slipperjax as sj
 
 from .timing import in_turns
 
+pytestmark = pytest.mark.benchmark
 SCENE = sj.paper_scene(1000.0)
 RAIL = dataclasses.replace(SCENE, track=sj.RandomTrack.sled(length=800.0))
 SAMPLED = sj.model.SampledTrack(
@@ -17,7 +18,6 @@ SAMPLED = sj.model.SampledTrack(
 OPTIONS = dict(transient=0, periods=90, steps_per_period=80, record="peak_force")
 
 
-@pytest.mark.benchmark
 def test_sweeps_on_rails_beside_the_harmonic_one():
     cases, speeds = {"restitution": np.linspace(0.85, 0.95, 200)}, {"speed": np.linspace(800.0, 1400.0, 241)}
     kinds = {
@@ -33,7 +33,6 @@ def test_sweeps_on_rails_beside_the_harmonic_one():
         print(f"{name}: {medians[name]:.2f} s, {medians[name] / medians[base]:.2f} of the harmonic one")
 
 
-@pytest.mark.benchmark
 def test_accelerations_on_a_sled_rail_beside_a_straight_one():
     """The table of docs/how_to/rails.md: what others measured is 3 to 5 times the straight rail's RMS,
     and 8 times from 100 to 700 m/s."""

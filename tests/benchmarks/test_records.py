@@ -14,9 +14,8 @@ from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.solvers.named import resolve_solver
 from slipperjax.sweeps.grid import Grid
 from slipperjax.sweeps.records import resolved_record
-from slipperjax.tools.files import table_lines
 
-from .timing import in_turns
+from .timing import in_turns, show
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")]
 CASES, STEPS, PERIODS, ROUNDS = 256, 100, 20, 7
@@ -53,4 +52,4 @@ def test_costs():
         row = {"record": name, "step of a case": f"{1e6 * step:.3f} us", "over a plain one": ratio, "range": spread}
         rows.append(row | {"kept per case": f"{kept[name]} B"})
     print(f"\n{CASES} cases, {STEPS} steps per period, {PERIODS} periods, {ROUNDS} rounds")
-    print("\n".join(table_lines(rows)))
+    show(rows)

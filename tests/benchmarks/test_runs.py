@@ -4,16 +4,15 @@ pytest -m benchmark -s tests/benchmarks/test_runs.py
 """
 
 import dataclasses
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 
 import slipperjax as sj
 
-from .timing import median, seconds
+from .timing import median, seconds, told
 
+pytestmark = pytest.mark.benchmark
 FAST = sj.SpeedProgramme.stages([sj.Stage(200.0, speed=900.0), sj.Stage(-160.0, speed=100.0)], start=50.0)
 RAIL = dataclasses.replace(sj.paper_scene(), track=sj.RandomTrack.sled(length=5100.0), gravity=9.81)
 MEMORY = """
@@ -22,11 +21,10 @@ length = float(sys.argv[1])
 scene = dataclasses.replace(sj.paper_scene(900.0), track=sj.RandomTrack.sled(length=5100.0, ends="repeat"))
 ds = sj.run(scene, length=length)
 # not that of getrusage, which a process inherits
-print(int(re.search(r"VmHWM:\\s+(\\d+)", open("/proc/self/status").read())[1]) / 1024, int(ds["status"]))
+print("ROW", int(re.search(r"VmHWM:\\s+(\\d+)", open("/proc/self/status").read())[1]) / 1024)
 """
 
 
-@pytest.mark.benchmark
 def test_runs_beside_sweeps():
     grid, options = {"restitution": np.linspace(0.85, 0.95, 128)}, dict(steps_per_period=80, record="peak_force")
     of_sweep = lambda: sj.sweep(sj.paper_scene(), grid, transient=0, periods=100, **options)
@@ -41,13 +39,9 @@ def test_runs_beside_sweeps():
     print(f"with all records of a run, windows of 1 m: {default / base:.2f}")
 
 
-@pytest.mark.benchmark
 def test_five_kilometres():
-    for parts in (
-        {},
-        dict(friction=sj.model.Coulomb(0.1)),
-        dict(payload=sj.model.Payload(100.0, [2e6, 8e6], [2e3, 8e3])),
-    ):
+    payload = sj.model.Payload(100.0, [2e6, 8e6], [2e3, 8e3])
+    for parts in ({}, dict(friction=sj.model.Coulomb(0.1)), dict(payload=payload)):
         scene = dataclasses.replace(RAIL, **parts)
         one = median(lambda scene=scene: sj.run(scene, length=5000.0, speed=FAST), 3)
         print(f"\n5 km, {'plain' if not parts else next(iter(parts))}: one run {one:.2f} s")
@@ -56,13 +50,6 @@ def test_five_kilometres():
     print(f"200 rails: {first:.1f} s with compiling, {ds.nbytes / 2**20:.0f} MB; again: {again:.1f} s")
 
 
-@pytest.mark.benchmark
 def test_memory_over_the_distance():
-    peaks = {}
-    for length in (5e3, 50e3):
-        done = subprocess.run([sys.executable, "-c", MEMORY, str(length)], check=True, capture_output=True, text=True)
-        peaks[length] = float(done.stdout.split()[0])
-    print(
-        f"\npeak memory of one run: {peaks[5e3]:.0f} MB over 5 km, {peaks[50e3]:.0f} over 50 km, "
-        f"{peaks[50e3] / peaks[5e3]:.2f}"
-    )
+    short, long = (told("-c", MEMORY, length) for length in (5e3, 50e3))
+    print(f"\npeak memory of one run: {short:.0f} MB over 5 km, {long:.0f} over 50 km, {long / short:.2f}")

@@ -7,9 +7,7 @@ Each map runs in a process of its own, with a cache of programs. Twelve minutes 
 
 import pytest
 
-from slipperjax.tools.files import table_lines
-
-from .timing import told
+from .timing import shown, told
 
 SCRIPT = """
 import json, resource, sys, time, numpy as np, slipperjax as sj
@@ -39,8 +37,5 @@ print("ROW " + json.dumps({
 
 @pytest.mark.benchmark
 def test_maps_of_growing_size(tmp_path):
-    rows = []
-    for side in (10, 32, 100, 316, 1000):
-        rows.append(told("-c", SCRIPT, tmp_path / "cache", tmp_path / f"{side}.zarr", side))
-        print(rows[-1], flush=True)
-    print("\n" + "\n".join(table_lines(rows)))
+    sides = (10, 32, 100, 316, 1000)
+    shown(told("-c", SCRIPT, tmp_path / "cache", tmp_path / f"{side}.zarr", side) for side in sides)

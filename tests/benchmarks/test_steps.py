@@ -17,9 +17,8 @@ from slipperjax.flow.period_map import PeriodMap
 from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.model.kinematics import MOTION_SCALES
 from slipperjax.model.step_size import PER_CONTACT, steps_needed
-from slipperjax.tools.compile import jit
 
-from .timing import in_turns
+from .timing import batch, in_turns, micros
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")]
 SOLVERS = {"RK4": sj.solvers.RK4(), "ImpulseRK4": sj.solvers.ImpulseRK4(), "Tsit5": sj.solvers.Tsit5()}
@@ -164,21 +163,8 @@ def test_orders():
 @pytest.mark.parametrize("tangent", [False, True])
 def test_cost(tangent):
     """Of one step and case in a batch, best of alternating runs."""
-    lanes, steps, periods = 64, 50, 20
-    speeds = jnp.linspace(1000.0, 2500.0, lanes)
-
-    def program(name):
-        def motion(speed):
-            scene = sj.paper_scene().replace(speed=speed)
-            run = PeriodMap(scene, steps, SOLVERS[name], periods)
-            return run(sj.initial_state(scene, sj.table_2_start())).motion
-
-        one = (lambda v: jax.jvp(motion, (v,), (jnp.ones(()),))) if tangent else motion
-        return jit(jax.vmap(one))
-
-    timed = in_turns({name: lambda run=program(name): run(speeds) for name in SOLVERS}, 12)
+    timed = in_turns({name: batch(solver, tangent) for name, solver in SOLVERS.items()}, 12)
     print("\nfirst call with compiling [s]: " + ", ".join(f"{name} {of.first:.1f}" for name, of in timed.items()))
     best = {name: min(of.later) for name, of in timed.items()}
     for name, seconds in best.items():
-        micro = 1e6 * seconds / (lanes * steps * periods)
-        print(f"{name:11} {micro:.3f} us per step and case, {seconds / best['RK4']:.2f} of RK4's")
+        print(f"{name:11} {micros(seconds):.3f} us per step and case, {seconds / best['RK4']:.2f} of RK4's")

@@ -5,8 +5,6 @@ pytest -m benchmark -s tests/benchmarks/test_stores.py
 
 import os
 import statistics
-import subprocess
-import sys
 import warnings
 
 import numpy as np
@@ -18,6 +16,15 @@ from slipperjax.sweeps.store import store_status
 from ..sweeps.made_up import a_grid, made_up
 from . import timing
 
+MEMORY = """
+import sys, resource, numpy as np, slipperjax as sj
+sj.compile_cache(sys.argv[1])
+grid = {"speed": np.linspace(1000, 1600, int(sys.argv[3])), "clearance": np.linspace(0.5e-3, 2e-3, 128)}
+store = sj.sweeps.Store(sys.argv[2], tile=1024, fresh=True)
+sj.sweep(sj.paper_scene(), grid, transient=10, periods=5, steps_per_period=50, store=store)
+print("ROW", resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+"""
+pytestmark = pytest.mark.benchmark
 HOW = dict(transient=100, periods=10, steps_per_period=100)
 
 
@@ -33,7 +40,6 @@ def seconds(path, cases: dict, **how) -> float:
     return timing.seconds(run)[1]
 
 
-@pytest.mark.benchmark
 def test_two_cores_beside_one(tmp_path):
     sj.compile_cache(tmp_path / "cache")
     cases = grid(32, 128)
@@ -53,24 +59,13 @@ def test_two_cores_beside_one(tmp_path):
         )
 
 
-@pytest.mark.benchmark
 def test_memory_does_not_grow_with_the_cases(tmp_path):
-    script = (
-        "import sys, resource, numpy as np, slipperjax as sj\n"
-        "sj.compile_cache(sys.argv[1])\n"
-        "grid = {'speed': np.linspace(1000, 1600, int(sys.argv[3])), 'clearance': np.linspace(0.5e-3, 2e-3, 128)}\n"
-        "store = sj.sweeps.Store(sys.argv[2], tile=1024, fresh=True)\n"
-        "sj.sweep(sj.paper_scene(), grid, transient=10, periods=5, steps_per_period=50, store=store)\n"
-        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)\n"
-    )
     for across in (16, 128, 512):
-        words = [str(tmp_path / "cache"), str(tmp_path / "map.zarr"), str(across)]
-        done = subprocess.run([sys.executable, "-c", script, *words], capture_output=True, text=True, check=True)
+        most = timing.told("-c", MEMORY, tmp_path / "cache", tmp_path / "map.zarr", across)
         size = store_status(tmp_path / "map.zarr").bytes / 1e6
-        print(f"\n{128 * across} cases: {float(done.stdout):.0f} MB of memory at most, {size:.1f} MB on disk")
+        print(f"\n{128 * across} cases: {most:.0f} MB of memory at most, {size:.1f} MB on disk")
 
 
-@pytest.mark.benchmark
 def test_executors_beside_tiles_of_a_second(tmp_path, monkeypatch):
     """Twelve tiles that only wait for a second, on two workers: what is above six seconds is the executor's."""
     monkeypatch.setenv("PAUSE", "1.0")
@@ -94,7 +89,6 @@ def test_executors_beside_tiles_of_a_second(tmp_path, monkeypatch):
             timed(client, "dask.zarr")
 
 
-@pytest.mark.benchmark
 def test_a_map_of_40000_cases(tmp_path):
     """Motion and peak force over speed and clearance, as docs/how_to/clusters.md shows it."""
     sj.compile_cache(os.environ.get("SLIPPERJAX_CACHE"))

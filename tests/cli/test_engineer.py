@@ -16,11 +16,6 @@ BLOCKS = blocks(ROOT / "docs" / "first_hour" / "engineer.md")
 """Commands, lines that are changed in the scene's file, what is printed, and Python, in their order."""
 
 
-def words_of(block):
-    """The commands of a block, each as a list of words without the name of the program."""
-    return [shlex.split(line)[1:] for line in commands(block) if line.startswith("slipperjax ")]
-
-
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     for file in EXAMPLES.glob("*.csv"):
@@ -36,22 +31,29 @@ def test_the_examples_are_those_of_their_script(tmp_path):
         assert (tmp_path / file.name).read_text() == file.read_text()
 
 
-@pytest.mark.full
-@pytest.mark.filterwarnings("default")
-def test_a_short_day_goes_from_files_to_an_answer(folder, capsys):
-    """Over 24 m instead of 2800, on eight rails, which are enough for a median."""
-    short = {"2800": "24"}
-    few = ["--rails", "8", "--quantiles", "0.5"]
+def follow(folder, capsys, adapted=lambda words: words):
+    """Types the commands and changes of the page; gives each block with what was printed for it."""
+    printed = ""
     for block in BLOCKS:
         if block.language == "toml":
             file = folder / "sled.toml"
             file.write_text(changed(file.read_text(), block))
         elif block.language == "sh":
-            for words in words_of(block):
-                words = [short.get(word, word) for word in words] + few * ("--over" in words)
-                text, _ = call(words, capsys)
-                assert "wrote " in text
-        elif block.language == "python":
+            lines = [shlex.split(line)[1:] for line in commands(block) if line.startswith("slipperjax ")]
+            printed = "".join(call(adapted(words), capsys)[0] for words in lines) or printed
+        else:
+            yield block, printed
+
+
+@pytest.mark.full
+@pytest.mark.filterwarnings("default")
+def test_a_short_day_goes_from_files_to_an_answer(folder, capsys):
+    """Over 24 m instead of 2800, on eight rails, which are enough for a median."""
+    few = ["--rails", "8", "--quantiles", "0.5"]
+    short = lambda words: ["24" if word == "2800" else word for word in words] + few * ("--over" in words)
+    for block, printed in follow(folder, capsys, short):
+        assert "wrote " in printed
+        if block.language == "python":
             exec(block.text.replace("[0.8e-3, 1.5e-3]}, ", "[0.8e-3, 1.5e-3]}, rails=8, quantiles=[0.5], "), {})
             assert "cannot be told from" in capsys.readouterr().out
     assert {path.suffix for path in folder.iterdir()} == {".csv", ".toml", ".nc", ".pdf", ".xlsx", ".png"}
@@ -68,13 +70,6 @@ def test_a_short_day_goes_from_files_to_an_answer(folder, capsys):
 @pytest.mark.slow  # three minutes
 def test_the_whole_day_prints_what_the_page_says(folder, capsys):
     """All words: numbers of chaotic motions are others on other processors."""
-    printed = ""
-    for block in BLOCKS:
-        if block.language == "toml":
-            file = folder / "sled.toml"
-            file.write_text(changed(file.read_text(), block))
-        elif block.language == "sh" and words_of(block):
-            printed = "".join(call(words, capsys)[0] for words in words_of(block))
-            print(printed)
-        elif block.language == "text":
+    for block, printed in follow(folder, capsys):
+        if block.language == "text":
             assert same(block.text, printed, chaotic=True)

@@ -42,24 +42,20 @@ def test_what_is_not_given_is_the_paper_s(tmp_path, capsys):
     np.testing.assert_allclose(scene.slipper.inertia, box, rtol=1e-5)
 
 
-PURE = ("restitution", "coefficient", "drag_coefficient", "seed", "roughness", "coherence")
-"""Names of pure numbers."""
-
-
 @pytest.mark.parametrize("body", [[], ["--sled"]])
-def test_every_line_has_its_unit_and_a_remark(body, tmp_path, capsys):
+def test_every_value_has_its_unit_and_a_remark(body, tmp_path, capsys):
+    """Where tables of one kind follow each other, as those of mounts, the remarks of the first."""
     written(tmp_path, capsys, "--friction", 0.2, "--down", 800, "--drag-area", 0.02, "--end-speed", 900, *body)
-    lines = (tmp_path / "sled.toml").read_text().splitlines()
-    for above, line in pairwise(lines):
-        if re.match(r"\w+ = ", line):
-            name = line.partition(" ")[0]
-            assert name == "type" or "#" in line or above.startswith("#"), line
-            # what has no unit is a pure number
-            assert "unit" in line or '"' in line or name in PURE, line
-
-
-PURE = ("restitution", "coefficient", "drag_coefficient", "seed", "roughness", "coherence")
-"""Names of pure numbers."""
+    text = (tmp_path / "sled.toml").read_text()
+    assert "# Coefficient of the force upwards [1].\nlift_coefficient = 0.0\n" in text
+    pure = "clamp restitution coefficient drag_coefficient lift_coefficient side_coefficient seed roughness coherence"
+    pure += " exponent"
+    told = set()
+    for above, line in pairwise(text.splitlines()):
+        if found := re.match(r"(\w+) = ", line):
+            assert above.startswith("# ") or found[1] in told, line
+            assert "unit" in line or '"' in line or found[1] in pure.split(), line
+            told.add(found[1])
 
 
 @pytest.mark.filterwarnings("ignore:Argument `band` has no waves below")
@@ -191,7 +187,10 @@ def test_paths_are_written_as_seen_from_the_file(tables, tmp_path, capsys, monke
     (tmp_path / "runs").mkdir()
     call(["new", "../runs/sled.toml", "--rail", "rail.csv"], capsys)
     assert 'file = "../data/rail.csv"' in (tmp_path / "runs" / "sled.toml").read_text()
-    assert isinstance(sj.load(tmp_path / "runs" / "sled.toml").scene.track, SurveyedTrack)
+    # so does a scene from Python, though it knows the path as seen from here
+    sj.load("../runs/sled.toml").scene.to_toml("../runs/again.toml")
+    for name in ("sled.toml", "again.toml"):
+        assert isinstance(sj.load(tmp_path / "runs" / name).scene.track, SurveyedTrack)
 
 
 def test_corners_of_a_drawing(tmp_path, capsys):

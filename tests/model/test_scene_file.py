@@ -68,7 +68,8 @@ def sled():
 @pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")
 def test_scenes_come_back_to_the_last_bit_from_toml_and_json():
     for scene in scenes():
-        assert eqx.tree_equal(scene_from_toml(scene.to_toml()).scene, scene)
+        for remarks in (False, True):
+            assert eqx.tree_equal(scene_from_toml(scene.to_toml(remarks=remarks)).scene, scene)
         assert eqx.tree_equal(scene_from_json(scene_to_json(scene)), scene)
         assert not eqx.tree_equal(scene_from_json(scene_to_json(scene)), scene.replace(length=0.31))
 

@@ -74,6 +74,7 @@ class Claim(NamedTuple):
 
 
 # conditions of several claims
+_positive = lambda of: of.positive
 _not_periodic = lambda of: of.kinds.kind != "period"
 _two_points_in_pitch = lambda of: of.has_points("w_y", 2)
 
@@ -202,14 +203,14 @@ CLAIMS: dict[str, Claim] = {
         "LLE > 0 below 850 m/s",
         "all but the window",
         "speed_exponents",
-        partial(share, where=lambda of: of.positive, within=(0, 850)),
+        partial(share, where=_positive, within=(0, 850)),
     ),
     "N8 high": Claim(
         "Fig. 6",
         "LLE > 0 above 1810 m/s",
         "all",
         "speed_exponents",
-        partial(share, where=lambda of: of.positive, within=(1810, inf)),
+        partial(share, where=_positive, within=(1810, inf)),
     ),
     # two single cases of different play
     "N9 narrow": Claim(
@@ -270,14 +271,14 @@ CLAIMS: dict[str, Claim] = {
         "LLE briefly above 0",
         "1.675 mm",
         "clearance_exponents",
-        partial(ranges, where=lambda of: of.positive, covers=1.675, within=(1.4, 2.0)),
+        partial(ranges, where=_positive, covers=1.675, within=(1.4, 2.0)),
     ),
     "N11 LLE": Claim(
         "Fig. 9",
         "LLE above 0 from",
         "2.575 mm",
         "clearance_exponents",
-        partial(ranges, where=lambda of: of.positive, begins=2.575, within=(2, 5)),
+        partial(ranges, where=_positive, begins=2.575, within=(2, 5)),
     ),
     # exponents over length; places may differ from the paper's places by two steps of its grid
     "N12 LLE": Claim(
@@ -285,7 +286,7 @@ CLAIMS: dict[str, Claim] = {
         "LLE above 0 below",
         "0.15 m",
         "length_exponents",
-        partial(ranges, where=lambda of: of.positive, ends=0.15, within=(0, 0.2), steps=2),
+        partial(ranges, where=_positive, ends=0.15, within=(0, 0.2), steps=2),
     ),
     # the diagram over length
     "N12 chaos": Claim(

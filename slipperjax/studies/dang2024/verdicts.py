@@ -63,11 +63,9 @@ def case_points(ds: xr.Dataset, section: str) -> np.ndarray:
 
 def unbroken_ranges(mask: np.ndarray, values: np.ndarray) -> list[Range]:
     """Return the first and last of the `values` in each unbroken range of True in `mask`."""
-    # False at both ends, so that each range has two edges, where the mask changes
-    padded = np.concatenate([[False], mask, [False]])
-    edges = np.flatnonzero(padded[1:] != padded[:-1])
     # edges alternate: the first case of a range, and the first case after it
-    return [(float(values[a]), float(values[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    edges = np.flatnonzero(np.diff(np.pad(mask, 1)))
+    return [(float(values[a]), float(values[b - 1])) for a, b in edges.reshape(-1, 2)]
 
 
 # --- diagrams over a parameter --------------------------------------------------------------------------------------
