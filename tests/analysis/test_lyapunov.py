@@ -256,7 +256,7 @@ def test_only_what_a_record_can_know_is_resolved():
     )
     for spectrum, words in (
         (of(0.3), "not resolved: one motion does not show whether its chaos lasts"),
-        (of(0.0, size=100), "not resolved: the errors leave the sign open"),
+        (of(-0.025, size=100), "not resolved: the errors leave the sign open"),
         (of(np.nan), "not resolved"),
         (dataclasses.replace(of(-0.3), status=jnp.asarray(2)), "LyapunovSpectrum(status 2)"),
     ):
