@@ -205,7 +205,7 @@ an exponent within its errors is resolved | tests/analysis/test_lyapunov.py -k r
 maps applied in reverse | tests/analysis/test_floquet.py -k complex_pairs
 -return later @ earlier
 +return earlier @ later
-chaos by the weaker of two bounds | tests/analysis/test_lyapunov.py -k agrees
+chaos by the weaker of two bounds | tests/analysis/test_regime.py
 -np.maximum(SURE * np.asarray(stderr), LEAST)
 +np.minimum(SURE * np.asarray(stderr), LEAST)
 lines refined to the wrong side | tests/analysis/test_psd.py -k lines_of_two_frequencies

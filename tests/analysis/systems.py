@@ -1,5 +1,7 @@
 """Oscillators of textbooks with exact or nearly exact flows, and short ways to follow motions, for the tests."""
 
+from collections.abc import Callable
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -46,6 +48,21 @@ HENON_AT = {"LP": lambda b: -((1 - b) ** 2) / 4, "PD": lambda b: 3 * (1 - b) ** 
 def delayed(r, c):
     """x' = r x (1 - c x - y), y' = x: at c = 0 Maynard Smith's delayed logistic map."""
     return lambda s, k: jnp.stack([r * s[0] * (1 - c * s[0] - s[1]), s[0]])
+
+
+class Fixed(eqx.Module):
+    """A family over the first of its two parameters; the second is a number."""
+
+    family: Callable
+    second: jax.Array
+
+    def __call__(self, value):
+        return self.family(value, self.second)
+
+
+def settled(step, state, count):
+    """A state after some applications of a map."""
+    return jax.jit(lambda s: jax.lax.fori_loop(0, count, lambda k, s: step(s, 0.0), s))(jnp.asarray(state))
 
 
 def rk4(field, state, period, steps):
@@ -96,6 +113,18 @@ def linear(stiffness, damping, shift, force, frequency):
         return np.array([value.real + shift / stiffness, (1j * frequency * value).real])
 
     return lambda s, t, span: steady(t + span) + expm(span * matrix) @ (s - steady(t)), matrix
+
+
+def one_touch(damping, frequency, gap, stop, force, up, down, rising, falling):
+    """Gives the residual of a motion that touches a spring once, by instants and speeds at the gap; its matrix over a
+    period; and its state at t = 0 in contact."""
+    period = 2 * np.pi / frequency
+    free, slow = linear(1.0, damping, 0.0, force, frequency)
+    touching, fast = linear(1.0 + stop, damping, stop * gap, force, frequency)
+    at_down = touching(np.array([gap, rising]), up, down - up) - [gap, falling]
+    at_up = free(np.array([gap, falling]), down, up + period - down) - [gap, rising]
+    through = expm((up + period - down) * slow) @ expm((down - up) * fast)
+    return np.concatenate([at_down, at_up]), through, touching(np.array([gap, rising]), up, -up)
 
 
 def _halved(beyond, low, high):

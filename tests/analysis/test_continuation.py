@@ -9,8 +9,19 @@ from scipy.optimize import root
 
 from slipperjax.analysis.arclength import Pace
 from slipperjax.analysis.continuation import continue_motion, extend, switch
+from slipperjax.analysis.shooting import PeriodicMotions
 
-from .systems import LOGISTIC, Polynomial, column, follow, labels, motions, only, rk4, where
+from .systems import (
+    LOGISTIC,
+    Polynomial,
+    column,
+    follow,
+    labels,
+    motions,
+    only,
+    rk4,
+    where,
+)
 
 PITCHFORK = Polynomial.of({(1, 0): 1.0, (1, 1): 1.0, (3, 0): -1.0})
 # x + (x - 1)^2 + (p - 2)^2 - 1/4
@@ -61,7 +72,7 @@ def test_the_logistic_branch_through_its_branch_point(whole):
     np.testing.assert_allclose(sorted(other.values[[0, -1]]), [0.5, 2.5], rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("x", [0.0, 0.5])
+@pytest.mark.parametrize("x", [0.0, 0.5, -0.3])
 def test_a_pitchfork_from_either_branch(x):
     branch = follow(PITCHFORK, [x], x**2 or -0.5, (-0.6, 0.6))
     event = only(branch, "BP")
@@ -77,19 +88,23 @@ def test_a_pitchfork_from_either_branch(x):
     np.testing.assert_allclose(sorted(parabola[[0, -1]]), [-np.sqrt(0.6), np.sqrt(0.6)], rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("part", [1, 4])
-def test_a_pitchfork_where_steps_end_on_it(part):
+@pytest.mark.parametrize("length", [0.01, 0.02, 0.05])
+def test_a_pitchfork_where_steps_end_on_it(length):
     """Points at a distance of the first step or of several from the branch point, whose tangent has no meaning."""
     branch = follow(PITCHFORK, [0.0], -0.1, (-0.15, 0.15))
-    equations, first = switch(branch, only(branch, "BP"), length=0.02)
-    other = continue_motion(equations, first, (-0.15, 0.15), pace=Pace(first=0.02 / part))
-    assert labels(other) == ["EP", "BP", "EP"]
-    assert np.ptp(column(other.nodes, 0)) > 0.7
-    assert abs(where(only(other, "BP"))) < 1e-8  # measured: 5e-12
+    equations, first = switch(branch, only(branch, "BP"), length=length)
+    for step in (length, length / 2, length / 4):
+        other = continue_motion(equations, first, (-0.15, 0.15), pace=Pace(first=step))
+        assert labels(other) == ["EP", "BP", "EP"]
+        x = column(other.nodes, 0)
+        assert x.min() < -0.35
+        assert x.max() > 0.35
+        assert abs(where(only(other, "BP"))) < 1e-8  # measured: 5e-12
 
 
-def test_a_closed_branch_has_two_folds():
-    branch = follow(CIRCLE, [1 + 0.5 * np.sin(1.5)], 2 + 0.5 * np.cos(1.5), (0.0, 4.0))
+@pytest.mark.parametrize("angle", [0.3, 1.5, 4.0])
+def test_a_closed_branch_has_two_folds(angle):
+    branch = follow(CIRCLE, [1 + 0.5 * np.sin(angle)], 2 + 0.5 * np.cos(angle), (0.0, 4.0))
     assert branch.ended == ("", "closed")
     assert labels(branch) == ["LP", "LP"]
     folds = sorted(where(event) for event in branch.events)
@@ -143,28 +158,37 @@ def test_duffings_response_curve_and_folds():
         exact = root(at_fold, np.concatenate([[w], guess, null]), tol=1e-13)
         assert np.abs(exact.fun).max() < 1e-11
         assert abs(w - exact.x[0]) < 1e-6  # measured: 7e-10, of the integration
+        assert event.converged
         assert event.high - event.low < 1e-8  # measured: 3e-15
-    # the state at t = 0, all along the curve
+    # the amplitude, and the state at t = 0, all along the curve
+    sizes = []
     for node in branch.nodes[::8]:
         z = node.z
         both = root(balance, harmonics(z), (z[2],), jac=True, tol=1e-13).x
         state = [both[:ORDER].sum(), z[2] * (HARMONICS * both[ORDER:]).sum()]
         np.testing.assert_allclose(z[:2], state, rtol=0, atol=1e-6)  # measured: 4e-7
+        sizes.append(np.abs(both @ WAVES).max())
+    assert max(sizes) > 5  # the resonance
+    # the backbone's single harmonic at the upper fold: force = damping w amplitude
+    assert abs(max(sizes) * DAMPING * where(branch.events[1]) - 1) < 0.05  # measured: 0.02
 
 
-NEAR = "`start` must be near a periodic motion, but is at a residual of"
+NEAR, WITHIN = "`start` must be near a periodic motion", "`start` must lie within the bounds 3 and 4, but is"
 
 
-def test_wrong_arguments_are_named():
-    for family, start, bounds, words in (
-        (NOTHING, ([0.6], 2.0), (1, 3), f"{NEAR} [0-9]"),
-        (BURSTING, ([0.6], 2.0), (1, 3), f"{NEAR} inf"),
-        (LOGISTIC, ([0.6], 2.5), (3, 4), "`start` must lie within the bounds 3 and 4, but is 2.5"),
-        (LOGISTIC, ([0.6], 2.5), (3, 2), r"`bounds` must be two numbers, the smaller first, but is \(3, 2\)"),
-        (LOGISTIC, ([0.6, 0.6], 2.5), (2, 3), "`state` must have 1 numbers as `like` has, but has 2"),
-    ):
-        with pytest.raises(ValueError, match=words):
-            continue_motion(motions(family), (jnp.asarray(start[0]), start[1]), bounds)
+@pytest.mark.parametrize(
+    ("family", "start", "bounds", "options", "words"),
+    [
+        (NOTHING, ([0.6], 2.0), (1, 3), {}, f"{NEAR}, but is at a residual of [0-9]"),
+        (BURSTING, ([0.6], 2.0), (1, 3), {}, f"{NEAR}, but is at a residual of inf"),
+        (LOGISTIC, ([0.6], 2.5), (3, 4), {}, f"{WITHIN} 2.5"),
+        (LOGISTIC, ([0.6], 2.5), (3, 2), {}, r"`bounds` must be two numbers, the smaller first, but is \(3, 2\)"),
+        (LOGISTIC, ([0.6, 0.6], 2.5), (2, 3), {}, "`state` must have 1 numbers as `like` has, but has 2"),
+    ],
+)
+def test_wrong_arguments_are_named(family, start, bounds, options, words):
+    with pytest.raises(ValueError, match=words):
+        continue_motion(motions(family), (jnp.asarray(start[0]), start[1]), bounds, **options)
 
 
 def test_an_interruption_returns_what_was_found_which_goes_on(whole):
@@ -174,6 +198,7 @@ def test_an_interruption_returns_what_was_found_which_goes_on(whole):
 
     part = follow(LOGISTIC, [0.6], 2.5, (0.5, 3.9), on_point=stop)
     assert part.ended == ("count", "interrupted")  # neither end is finished
+    assert labels(part)[0] == "PD"
     assert 3.2 < part.values[-1] < 3.5
     further = extend(part, (0.5, 3.9))
     assert further.ended == ("bound", "bound")
@@ -205,11 +230,13 @@ def test_ends_by_count_on_bounds_and_at_the_start():
 def test_an_end_without_convergence_says_why():
     """A square-root map whose motion grazes at a = 0, and a start where two branches cross."""
     root = lambda a: lambda s, k: a - jnp.sqrt(jnp.where(s > 0, s, jnp.nan))
-    grazing = follow(root, [1.0], 2.0, (-1.0, 2.5))
+    grazing = continue_motion(PeriodicMotions(root, jnp.zeros(1), 1.0), (jnp.array([1.0]), 2.0), (-1.0, 2.5))
     (end,) = [event for event in grazing.events if event.label == "MX"]
     assert abs(end.value) < 1e-5  # measured 1.4e-6
+    assert "as at a grazing" in end.note
     assert "MX at 1.43" in repr(grazing)
     assert "as at a grazing" in repr(grazing)
-    crossing = follow(LOGISTIC, [0.0], 1.0, (0.5, 2.5))
-    assert labels(crossing) == ["MX", "MX"]
+    logistic = lambda a: lambda s, k: a * s * (1 - s)
+    crossing = continue_motion(PeriodicMotions(logistic, jnp.zeros(1), 1.0), (jnp.zeros(1), 1.0), (0.5, 2.5))
+    assert {event.label for event in crossing.events} == {"MX"}
     assert all("begin beside it" in event.note for event in crossing.events)

@@ -4,32 +4,30 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jax.tree_util import Partial
 
 from slipperjax.analysis.arclength import Pace
 from slipperjax.analysis.critical import ConditionedMotions, CriticalMotions, continue_critical, critical_motion
 from slipperjax.analysis.floquet import multipliers
 from slipperjax.analysis.shooting import PeriodicMotions
 
-from .systems import HENON_AT, Polynomial, column, delayed, henon, motions
+from .systems import HENON_AT, Fixed, Polynomial, column, delayed, henon, motions
 
 START = {"LP": -0.3, "PD": 0.3}
 CRITICAL = {"LP": 1.0, "PD": -1.0}
 
 
 def henon_motion(b, label):
-    family = Partial(henon, b=b)
-    return critical_motion(motions(family, 2), label, jnp.full(2, START[label]), HENON_AT[label](0.3) + 0.03)
+    return critical_motion(motions(Fixed(henon, b), 2), label, jnp.full(2, START[label]), HENON_AT[label](0.3) + 0.03)
 
 
-def with_derivative(found_at, numbers, at):
+def with_derivative(found_at, numbers, at, mode=jax.jacrev):
     """The numbers of a critical motion and their derivative, and the motion itself."""
 
     def both(value):
         found = found_at(value)
         return numbers(found), (numbers(found), found)
 
-    slope, (value, found) = jax.jacrev(both, has_aux=True)(at)
+    slope, (value, found) = mode(both, has_aux=True)(at)
     return value, slope, found
 
 
@@ -50,6 +48,7 @@ def test_fold_and_flip_of_henons_map_and_their_derivatives(label):
     np.testing.assert_allclose(slope, [of_state, of_state, jax.grad(HENON_AT[label])(0.3)], rtol=0, atol=1e-9)
     # measured: 2e-14
     mu = CRITICAL[label]
+    assert float(found.multiplier) == mu
     spectrum = np.sort(multipliers(np.asarray(found.matrices)).real)
     np.testing.assert_allclose(spectrum, np.sort([mu, -0.3 / mu]), rtol=0, atol=1e-10)  # the determinant is -b
 
@@ -61,16 +60,17 @@ def test_derivatives_in_forward_mode_under_jit_and_vmap():
 
 
 @pytest.mark.full
-def test_a_neimark_sacker_and_its_derivatives():
+@pytest.mark.parametrize(("c", "mode"), [(0.0, jax.jacrev), (0.2, jax.jacfwd)])
+def test_a_neimark_sacker_and_its_derivatives(c, mode):
     """With x = (1 - 1/r) / (1 + c) the determinant r x is 1 at r = 2 + c, and the trace 1 - r c x is 2 cos(angle)."""
-    at = lambda c: critical_motion(motions(Partial(delayed, c=c), 2), "NS", jnp.array([0.45, 0.45]), 2.1, angle=1.0)
-    c = 0.2
+    at = lambda c: critical_motion(motions(Fixed(delayed, c), 2), "NS", jnp.array([0.45, 0.45]), 2.1, angle=1.0)
     numbers = lambda found: jnp.stack([found.value, jnp.angle(found.multiplier)])
-    value, slope, found = with_derivative(at, numbers, jnp.asarray(c))
+    value, slope, found = with_derivative(at, numbers, jnp.asarray(c), mode)
     assert float(found.residual) < 1e-10
     np.testing.assert_allclose(value, [2 + c, np.arccos((1 - c) / 2)], rtol=0, atol=1e-10)  # measured: 2e-15
     np.testing.assert_allclose(slope, [1.0, 0.5 / np.sqrt(1 - (1 - c) ** 2 / 4)], rtol=0, atol=1e-9)
     # measured: 2e-15
+    assert abs(abs(complex(found.multiplier)) - 1) < 1e-10  # measured: 2e-16
     np.testing.assert_allclose(found.state, 1 / (2 + c), rtol=0, atol=1e-10)  # measured: 3e-16
 
 
@@ -111,8 +111,10 @@ def test_a_curve_of_neimark_sackers():
     np.testing.assert_allclose(r, 2 + c, rtol=0, atol=1e-9)  # measured: 5e-12
     np.testing.assert_allclose(np.cos(angle), (1 - c) / 2, rtol=0, atol=1e-9)  # measured: 2e-12
     assert found.ended == ("bound", "bound")
+    np.testing.assert_allclose(sorted(c[[0, -1]]), [-0.5, 0.9], rtol=0, atol=1e-9)
     # the last unknown is the angle, which is no parameter
     np.testing.assert_array_equal(found.values, c)
+    assert list(found.parameters) == ["r", "c"]
     np.testing.assert_array_equal(found.parameters["r"], r)
     assert sorted(event.value for event in found.events) == pytest.approx([-0.5, 0.9])
     assert repr(found).startswith(f"Branch({len(c)} points over r and c; EP at r = ")
@@ -142,21 +144,28 @@ def test_a_curve_of_motions_with_a_condition():
     np.testing.assert_allclose(sorted(b[[0, -1]]), [-0.8, 0.8], rtol=0, atol=1e-12)
 
 
-def test_a_corner_of_the_bounds_is_not_passed():
-    """A step passes the bound b = -0.09, and behind it a = -0.3, where b = 1 - 1.2^(1/2) = -0.0954."""
-    low = -0.09
+@pytest.mark.parametrize("low", [-0.1, -0.09])
+def test_a_corner_of_the_bounds_is_not_passed(low):
+    """A step passes a = -0.3, where b = 1 - 1.2^(1/2) = -0.0954, and the bound of b, before or behind."""
     found = curve("LP", -0.5, (-0.2, 0.1), ((-0.3, 1.0), (low, 1.0)), pace=Pace(first=0.3, most=0.5))
-    assert abs(column(found.nodes, 3).min() - low) < 1e-9  # measured: 8e-12
+    assert abs(column(found.nodes, 3).min() - max(low, 1 - np.sqrt(1.2))) < 1e-9  # measured: 8e-12
     assert column(found.nodes, 2).min() >= -0.3 - 1e-12
+
+
+WIDE, WITHIN = (-1.0, 1.0), "`values` must lie within the bounds"
 
 
 @pytest.mark.parametrize(
     ("state", "bounds", "words"),
     [
-        (-0.3, (0.5, 1.0), "`values` must lie within the bounds 0.5 and 1, but is 0.3"),
-        (np.nan, (-1.0, 1.0), "`state` must be near a motion of the curve"),
+        ([-0.3, -0.3], ((1.0, -1.0), WIDE), r"`bounds` must be two numbers, .* is \(1.0, -1.0\)"),
+        ([-0.3, -0.3], (WIDE, (0.5, 1.0)), f"{WITHIN} 0.5 and 1, but is 0.3"),
+        ([-0.3, -0.3], ((0.0, 1.0), WIDE), f"{WITHIN} 0 and 1, but is -0.12"),
+        ([-0.3, np.nan], (WIDE, WIDE), "`state` must be near a motion of the curve"),
+        ([-0.3], (WIDE, WIDE), "`state` must have 2 numbers as `like` has, but has 1"),
     ],
 )
 def test_wrong_arguments_are_named(state, bounds, words):
+    equations = CriticalMotions.of(plane(henon), "LP")
     with pytest.raises(ValueError, match=words):
-        curve("LP", state, (-0.1, 0.3), ((-1.0, 1.0), bounds))
+        continue_critical(equations, jnp.asarray(state), (-0.1, 0.3), bounds)

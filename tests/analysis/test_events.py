@@ -5,13 +5,27 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jax.tree_util import Partial
+from scipy.optimize import root
 
 from slipperjax.analysis.arclength import Observation, Pace
 from slipperjax.analysis.continuation import continue_motion
+from slipperjax.analysis.floquet import rounding_errors
 
 from ..common import among
-from .systems import HENON_AT, Polynomial, Stopped, delayed, follow, henon, labels, motions, only, where
+from .systems import (
+    HENON_AT,
+    Fixed,
+    Polynomial,
+    Stopped,
+    delayed,
+    follow,
+    henon,
+    labels,
+    motions,
+    one_touch,
+    only,
+    where,
+)
 
 
 def coupled(p):
@@ -50,23 +64,40 @@ def driven(p):
     return lambda s, k: jnp.append(now := STANDARD(p)(s[:2], k), 0.5 * s[2] + 0.1 * now[1])
 
 
+def opposed(c):
+    """Two oscillators of energies of opposite sign, coupled by c: 2 - mu - 1/mu is 1.15 +- (0.15^2 - c^2)^(1/2)."""
+
+    def step(s, k):
+        x, y, p, q = s
+        p, q = p - x - c * y, q + 1.3 * y - c * x
+        return jnp.stack([x + p, y - q, p, q])
+
+    return step
+
+
 IMPERFECT = Polynomial.of({(0, 0): 0.01, (1, 0): 1.0, (1, 1): 1.0, (3, 0): -1.0})
 LONG = Pace(first=0.1, most=0.2)
 HENON = [("LP", HENON_AT["LP"](0.3)), ("PD", HENON_AT["PD"](0.3))]
 CLOSE = [("PD", 0.0), ("PD", 1e-3), ("NS", 2e-3), ("BP", 3e-3)]
 TEXTBOOK = {
-    "delayed": (Partial(delayed, c=jnp.asarray(0.0)), [1 / 3, 1 / 3], 1.5, (1.2, 2.5), [("NS", 2.0)], 2.0),
-    "Henon": (Partial(henon, b=jnp.asarray(0.3)), [0.6, 0.6], 0.78, (-1.0, 1.0), HENON, None),
+    "delayed logistic map": (Fixed(delayed, jnp.asarray(0.0)), [1 / 3, 1 / 3], 1.5, (1.2, 2.5), [("NS", 2.0)], 2.0),
+    "Henon": (Fixed(henon, jnp.asarray(0.3)), [0.6, 0.6], 0.78, (-1.0, 1.0), HENON, None),
     "imperfect": (IMPERFECT, [-0.7], 0.5, (-0.6, 0.6), [("LP", 3 * 0.005 ** (2 / 3))], None),
+    "unbroken": (IMPERFECT, [0.8], 0.6, (-0.6, 0.6), [], None),
     "within a step": (coupled, [0.0] * 5, -0.5, (-0.6, 0.6), CLOSE, 0.0),
     "standard map": (STANDARD, [np.pi, 0.0], 0.5, (0.5, 5.0), [("PD", 4.0)], 4.0),
     "driven by it": (driven, [np.pi, 0.0, 0.0], 0.5, (0.5, 5.0), [("PD", 4.0)], None),
+    "fold": (kicked(lambda x, p: p - x**2), [0.5, 0.0], 0.25, (-1.0, 1.0), [("LP", 0.0)], None),
     "pitchfork": (kicked(lambda x, p: p * x - x**3), [0.0, 0.0], -0.5, (-1.0, 1.0), [("BP", 0.0)], 0.0),
+    "pairs that meet": (opposed, [0.0] * 4, 0.01, (0.0, 0.3), [("NS", 0.15)], 0.15),
 }
 """Families with their start, bounds, events and where they are, and the value below which they are stable."""
 
 
-@pytest.mark.parametrize("case", among(TEXTBOOK, "delayed", "Henon", "within a step", "driven by it", "pitchfork"))
+EVERY_DAY = ("delayed logistic map", "Henon", "within a step", "driven by it", "pitchfork")
+
+
+@pytest.mark.parametrize("case", among(TEXTBOOK, *EVERY_DAY))
 def test_events_of_textbook_maps_are_where_they_should_be(case):
     family, state, value, bounds, expected, stable = case
     branch = follow(family, state, value, bounds, pace=LONG if family is coupled else Pace())
@@ -97,28 +128,70 @@ class Forces(eqx.Module):
         return eqx.tree_at(lambda system: system.force, self.system, force)
 
 
-def test_a_grazing_is_located():
-    """The free motion has the amplitude force / |1 - w^2 + 2 i d w|, and grazes where this is the gap."""
-    family = Forces(Stopped(*map(jnp.asarray, (0.1, 2.8, 1.0, 0.1, 5.0, 0.0))))
-    grazing = 0.1 * abs(1 - 2.8**2 + 0.56j)
-    touches_at = jax.jit(lambda z: family(z[-1]).followed(z[:-1])[1:])
+@eqx.filter_jit
+def _touches(family, z):
+    return family(z[-1]).followed(z[:-1])[1:]
+
+
+def stopped(frequency, gap, upto, stop=np.inf, restitution=0.0):
+    """A branch of an oscillator with a stop, and the force at which it grazes; it begins at six tenths of it."""
+    family = Forces(Stopped(*map(jnp.asarray, (0.1, frequency, 1.0, gap, stop, restitution))))
 
     def observe(node):
-        touches, margin = touches_at(jnp.asarray(node.z))
+        touches, margin = _touches(family, jnp.asarray(node.z))
         return Observation((int(touches),), (float(margin),))
 
+    grazing = gap * abs(1 - frequency**2 + 0.2j * frequency)
     start = jnp.stack(family(jnp.asarray(0.6 * grazing)).arc(0.0).steady(0.0)), 0.6 * grazing
     pace = Pace(first=0.02 * grazing, most=0.2 * grazing)
-    bounds = 0.3 * grazing, 1.2 * grazing
-    branch = continue_motion(motions(family, 2), start, bounds, observe=observe, pace=pace)
+    bounds = 0.3 * grazing, upto * grazing
+    return continue_motion(motions(family, 2), start, bounds, observe=observe, pace=pace), grazing
+
+
+def test_a_grazing_is_located():
+    """The free motion has the amplitude force / |1 - w^2 + 2 i d w|, and grazes where this is the gap."""
+    branch, grazing = stopped(2.8, 0.1, 1.2, stop=5.0)
     assert labels(branch) == ["EP", "GR", "PD", "EP"]
     event = only(branch, "GR")
-    assert event.low - 1e-12 <= grazing <= event.high + 1e-12
+    assert event.low <= grazing + 1e-12
+    assert grazing - 1e-12 <= event.high
     assert event.high - event.low < 1e-9  # measured: 5e-12
     assert abs(where(event) - grazing) < 1e-8  # measured: 7e-13
     for node in branch.nodes:
         if not node.label:
             assert node.view.counts == (int(node.z[-1] > grazing),)
+
+    # the flip behind it, from the instants and speeds at the stop
+    def flipping(unknowns):
+        missed, through, _ = one_touch(0.1, 2.8, 0.1, 5.0, *unknowns)
+        return np.append(missed, np.linalg.det(through + np.eye(2)))
+
+    exact = root(flipping, (0.726, 0.985, 1.2, 0.09, -0.09), tol=1e-14)
+    assert np.abs(exact.fun).max() < 1e-12
+    assert abs(where(only(branch, "PD")) - exact.x[0]) < 1e-8  # measured: 4e-15
+
+
+def test_a_branch_ends_where_a_rigid_stop_is_grazed():
+    branch, grazing = stopped(2.3, 0.1, 2.0, restitution=0.5)
+    assert branch.ended == ("bound", "no convergence")
+    event = branch.events[-1]
+    assert event.label == "MX"
+    assert not event.converged
+    assert 0 < grazing - where(event) < 1e-5  # measured: 7e-7, the least step
+
+
+class Kinked(eqx.Module):
+    """x -> slope x + p, with one slope below zero and another above."""
+
+    below: jax.Array
+    above: jax.Array
+
+    def __call__(self, p):
+        return lambda x, k: jnp.where(x > 0, self.above, self.below) * x + p
+
+
+def kinked(below, above):
+    return Kinked(jnp.asarray(below), jnp.asarray(above))
 
 
 def sides(node):
@@ -128,8 +201,7 @@ def sides(node):
 @pytest.mark.full
 @pytest.mark.parametrize("above", [-0.8, -1.5])
 def test_a_corner_is_passed_and_located(above):
-    # one slope below zero and another above
-    family, over = lambda p: lambda x, k: jnp.where(x > 0, above, -0.5) * x + p, above < -1
+    family, over = kinked(-0.5, above), above < -1
     branch = follow(family, [-1 / 3], -0.5, (-0.6, 0.6), observe=sides)
     assert labels(branch) == ["EP", "GR", "EP"]
     event = only(branch, "GR")
@@ -139,6 +211,13 @@ def test_a_corner_is_passed_and_located(above):
     # without an observation the jump of the multiplier over -1 is found, and not taken for a flip
     unseen = follow(family, [-1 / 3], -0.5, (-0.6, 0.6))
     assert [(event.label, event.converged) for event in unseen.events[1:-1]] == [("PD", False)] * over
+
+
+def test_a_branch_that_ends_in_a_corner_says_so():
+    branch = follow(kinked(0.5, 3.0), [-0.3], -0.15, (-0.6, 0.6), observe=sides)
+    assert branch.ended == ("bound", "no convergence")
+    assert branch.events[-1].label == "MX"
+    assert 0 < -where(branch.events[-1]) < 1e-5  # measured: 4e-7
 
 
 def leaping(p):
@@ -195,9 +274,10 @@ def heun(force, s, t, h):
 
 
 @pytest.mark.parametrize(("method", "steps", "least", "most"), [(leapfrog, 60, 0.0, 1e-14), (heun, 400, 1e-8, 2e-7)])
-def test_an_undamped_pendulum_is_neutral_to_the_error_of_its_integration(method, steps, least, most):
+@pytest.mark.parametrize("swing", among({"pendulum": jnp.sin, "stiffening": lambda x: x + x**3}, "pendulum"))
+def test_an_undamped_oscillator_is_neutral_to_the_error_of_its_integration(swing, method, steps, least, most):
     def family(w):
-        h, force = 2 * jnp.pi / w / steps, lambda x, t: 0.1 * jnp.cos(w * t) - jnp.sin(x)
+        h, force = 2 * jnp.pi / w / steps, lambda x, t: 0.1 * jnp.cos(w * t) - swing(x)
         step = lambda s, i: (method(force, s, i * h, h), None)
         return lambda s, k: jax.lax.scan(step, s, jnp.arange(float(steps)))[0]
 
@@ -208,8 +288,22 @@ def test_an_undamped_pendulum_is_neutral_to_the_error_of_its_integration(method,
     assert least < max(off) < most
 
 
+def test_errors_by_rounding_follow_the_condition_of_multipliers():
+    # a double multiplier has the root of the error
+    double = np.array([[[1.0, 1.0], [0.0, 1.0]]])
+    assert 1e-8 < rounding_errors(np.linalg.eigvals(double[0]), double).min() < 1e-6
+    turn = np.array([[[np.cos(1.0), -np.sin(1.0)], [np.sin(1.0), np.cos(1.0)]]])
+    assert rounding_errors(np.linalg.eigvals(turn[0]), turn).max() < 1e-13
+    # units make no difference
+    scaled = turn * np.array([[1.0, 1e6], [1e-6, 1.0]])
+    assert rounding_errors(np.linalg.eigvals(scaled[0]), scaled).max() < 1e-13
+    assert np.all(rounding_errors(np.ones(2), turn * np.nan) < 1e-13)
+
+
 @pytest.mark.full
-@pytest.mark.parametrize(("angle", "name"), [(0.03, "1:1"), (2.088, "1:3"), (1.58, "1:4"), (3.13, "1:2"), (0.4, "")])
+@pytest.mark.parametrize(
+    ("angle", "name"), [(0.03, "1:1"), (2.088, "1:3"), (1.58, "1:4"), (3.13, "1:2"), (0.4, ""), (1.0, ""), (2.5, "")]
+)
 def test_a_neimark_sacker_beside_a_strong_resonance_is_told(angle, name):
     turn = jnp.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     branch = follow(lambda p: lambda s, k: (1 + p) * turn @ s, [0.0, 0.0], -0.1, (-0.2, 0.2))

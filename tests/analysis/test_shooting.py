@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from slipperjax.analysis.floquet import multipliers
+from slipperjax.analysis.floquet import multipliers, solve
 from slipperjax.analysis.shooting import minimal_period, shoot
 
 from .systems import LOGISTIC, Arc
@@ -53,25 +53,48 @@ def test_derivatives_are_those_of_the_exact_motion():
         np.testing.assert_allclose(slopes, [jax.grad(exact)(d) for d in several], rtol=1e-12)
 
 
-def test_logistic_orbits_their_multipliers_and_least_periods():
+def test_logistic_orbits_and_multipliers():
     rate = 3.3
     found = shoot(LOGISTIC(jnp.asarray(rate)), jnp.asarray([0.4]), intervals=2)
     root = np.sqrt((rate - 3) * (rate + 1))
     np.testing.assert_allclose(float(found.state[0]), (rate + 1 - root) / (2 * rate), atol=1e-12)
     np.testing.assert_allclose(multipliers(np.asarray(found.matrices)), [4 + 2 * rate - rate**2], atol=1e-11)
-    missed = {n: float(r) for n, r in minimal_period(LOGISTIC(jnp.asarray(rate)), found.state, 4).items()}
-    assert set(missed) == {1, 2, 4}
-    assert missed[1] > 0.1
-    assert missed[2] < 1e-10
     # the unstable fixed point, which no simulation finds
     fixed = shoot(LOGISTIC(jnp.asarray(rate)), jnp.asarray([0.6]))
     np.testing.assert_allclose(float(fixed.state[0]), 1 - 1 / rate, atol=1e-12)
+    np.testing.assert_allclose(multipliers(np.asarray(fixed.matrices)), [2 - rate], atol=1e-12)
 
 
-def test_long_steps_are_halved_and_where_there_is_no_motion_the_residual_says_so():
-    steep = lambda x, k: x - jnp.arctan(x)  # Newton's method diverges from 2 without
-    assert abs(float(shoot(steep, jnp.asarray([2.0])).state[0])) < 1e-9
+def test_minimal_periods_are_found_among_divisors():
+    step = LOGISTIC(jnp.asarray(3.3))
+    orbit = shoot(step, jnp.asarray([0.48]), intervals=4).state
+    missed = {n: float(r) for n, r in minimal_period(step, orbit, 4).items()}
+    assert set(missed) == {1, 2, 4}
+    assert missed[1] > 0.1
+    assert missed[2] < 1e-10
+    assert missed[4] < 1e-10
+
+
+def test_where_there_is_no_motion_the_residual_says_so():
     without = lambda x, k: x + 1 + x**2  # no real fixed point
     assert not float(shoot(without, jnp.asarray([0.3]), max_iterations=20).residual) < 1e-3
     bursts = lambda x, k: jnp.where(x > 0, jnp.nan, x)
     assert not np.isfinite(float(shoot(bursts, jnp.asarray([1.0])).residual))
+
+
+def test_long_steps_are_halved():
+    steep = lambda x, k: x - jnp.arctan(x)  # Newton's method diverges from 2 without
+    found = shoot(steep, jnp.asarray([2.0]))
+    assert float(found.residual) < 1e-10
+    assert abs(float(found.state[0])) < 1e-9
+
+
+def test_linear_systems():
+    rng = np.random.default_rng(0)
+    matrix = rng.standard_normal((30, 30)) * 10.0 ** rng.integers(-3, 3, 30)[:, None]
+    matrix[0, 0] = 0.0  # needs a pivot
+    for rhs in (rng.standard_normal(30), rng.standard_normal((30, 4))):
+        found = jax.jit(solve)(matrix, rhs)
+        np.testing.assert_allclose(matrix @ found, rhs, atol=1e-9 * np.abs(matrix).max())
+        np.testing.assert_allclose(found, np.linalg.solve(matrix, rhs), rtol=1e-8)
+    assert not np.all(np.isfinite(jax.jit(solve)(np.ones((2, 2)), np.ones(2))))

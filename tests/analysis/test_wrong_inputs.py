@@ -1,6 +1,6 @@
 """Wrong inputs of a right kind are answered in one line; tests/test_arguments.py has those of another kind."""
 
-import functools
+import inspect
 
 import jax
 import numpy as np
@@ -11,21 +11,26 @@ from slipperjax import analysis, design, flow, model, sweeps
 
 SCENE = sj.paper_scene()
 LATCHED = sj.paper_scene(memory=sj.model.EventLatch())
-OF_PATHS = [
-    ("file", sj.load_rail),
-    ("file", SCENE.to_toml),
-    ("path", sweeps.store_status),
-    ("path", sweeps.check_store),
-    ("folder", sj.compile_cache),
-]
+OF_PATHS = {
+    "file": [sj.load_rail, SCENE.to_toml],
+    "path": [sweeps.store_status, sweeps.check_store],
+    "folder": [sj.compile_cache],
+}
 
 
-@pytest.mark.parametrize("wrong", [b"bytes", 3.5, "a\0b", "x" * 100_000])
-@pytest.mark.parametrize(("name", "function"), OF_PATHS)
+@pytest.mark.parametrize("wrong", [b"bytes", 3.5, ["a"], "a\0b", "x" * 100_000])
+@pytest.mark.parametrize(("name", "function"), [(n, f) for n, all_of in OF_PATHS.items() for f in all_of])
 def test_what_is_no_path(name, function, wrong):
     with pytest.raises(ValueError, match=f"^Argument `{name}` must be a path, but is") as told:
         function(wrong)
     assert len(str(told.value)) < 200
+
+
+def _deep(levels):
+    value = 1.0
+    for _ in range(levels):
+        value = [value]
+    return value
 
 
 OTHERS = [
@@ -33,10 +38,16 @@ OTHERS = [
     (lambda: model.parameter("a" * 10**5, SCENE), "`'aaa.* is no parameter"),
     (lambda: sj.SpeedProgramme([0.0, 1.0], [1.0, 2.0], []), "`scale` must be of shape"),
     # since Python 3.13 `repr` of a deep list is no error
-    (lambda: SCENE.replace(speed=functools.reduce(lambda a, _: [a], range(5000))), "`speed` must be positive"),
+    (lambda: SCENE.replace(speed=_deep(5000)), r"`speed` must be positive, but is (<list>|\[\[\[)"),
     (lambda: sj.simulate(SCENE, 10**5000), "`periods` must be at most"),
+    (lambda: sj.sweeps.processes(10**30), "`count` must be at most 4096"),
     (lambda: sj.sweeps.sample_box({"speed": (1.0, 2.0)}, 10**400), "`count` must be at most"),
     (lambda: flow.PowerMean(flow.Strobe()), "`record` must be a record of one number"),
+    (lambda: flow.OnePoint(flow.RECORDS["peak_force"], 3), "`point` must be a point's name"),
+    (lambda: design.Descent(optimiser=3), "`optimiser` must be an optax"),
+    # without the tests' own checks of types, which would answer first
+    (lambda: inspect.unwrap(analysis.extend)(None, (0.0, 1.0)), "`branch` must be"),
+    (lambda: analysis.ode_step(lambda t, s: s, dt=0.1, steps=3, solver="Tsit5"), "`solver` must be a diffrax solver"),
     (lambda: analysis.classify(np.ones((20, 2)), floor=()), "`floor` must be one number"),
 ]
 
