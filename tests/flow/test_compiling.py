@@ -5,7 +5,7 @@ import pytest
 
 import slipperjax as sj
 
-from ..common import compilations
+from ..common import compilations, fine
 from ..orbits.nominal import STEPS
 
 START = sj.table_2_start()
@@ -36,8 +36,7 @@ def slope(speed):
 
 
 def simulated(speed):
-    """One program for all numbers of steps from 104 to 200."""
-    return sj.simulate(sj.paper_scene(speed), 2, steps_per_period=int(speed / 64) * 8, saves_per_period=8).status
+    return fine(sj.paper_scene(speed)).status
 
 
 def orbit(speed):

@@ -18,9 +18,12 @@ from slipperjax.plots.style import case_title
     [
         ("speed", {"speed [m/s]"}),
         ("start_v_y", set()),
+        ("slipper.mass", {"mass [kg]"}),
+        ("inertia_y", {"inertia_y [kg m^2]"}),
         ("slipper.inertia.1", {"inertia_y [kg m^2]"}),
         ("section.play.2", {"clearance [m]"}),
         ("track.wavelengths.0", {"wavelengths [m]"}),
+        ("gravity", set()),
     ],
 )
 def test_what_depends_on_a_varied_number_is_no_attribute(varied, gone):
@@ -44,7 +47,7 @@ def test_scenes_are_read_without_the_results_beside_them(tmp_path):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("wrong", [3, "x", "[[1]]", '{"a": ['])
+@pytest.mark.parametrize("wrong", [3, "x", "[[1]]", "null", '{"a": ['])
 @pytest.mark.parametrize("name", ["scene", "start", "varied"])
 def test_attributes_of_other_kinds_are_one_line(name, wrong):
     ds = sj.simulate(sj.paper_scene(), 1).ds
@@ -75,3 +78,7 @@ def test_joined_results_of_several_scenes_have_none(tmp_path):
     assert clearance(sj.load(joined.isel(speed=slice(2))).sel(speed=1100.0).scene) == 1e-3
     assert clearance(sj.load(beside.isel(play=0)).sel(speed=1000.0).scene) == 1e-3
     assert case_title(joined) == ""
+    runs = [sj.simulate(sj.paper_scene(speed=speed), 1, steps_per_period=50).ds for speed in (1e3, 2e3)]
+    mixed = xr.concat(runs, "case", join="outer", coords="different", compat="equals")
+    with pytest.raises(ValueError, match="joined from several"):
+        _ = sj.load(mixed).scene

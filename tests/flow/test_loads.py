@@ -13,14 +13,23 @@ import pytest
 import slipperjax as sj
 from slipperjax.flow.course import contact_loads, over_periods
 from slipperjax.flow.status import Status
-from slipperjax.orbits.simulate import Probe
+from slipperjax.model.kinematics import moved
+from slipperjax.orbits.simulate import Probe, _difference
 
-from ..common import FINEST, PERIODS, STEPS, fine, finest
+from ..common import FINEST, PERIODS, STEPS, compilations, fine, finest
+
+FAST = sj.Motion(v_z=0.1)
 
 
 def probed(scene, steps):
     """Six periods with two probes; one program for all numbers of steps from 104 to 200, multiples of 8."""
     return sj.simulate(scene, PERIODS, steps_per_period=steps, saves_per_period=8, probe=2)
+
+
+def adaptive(tolerance):
+    # an array, so that one program serves all tolerances
+    options = dict(solver=sj.solvers.Tsit5(), stepsize_controller=sj.solvers.AdaptiveSteps(jnp.asarray(tolerance)))
+    return sj.simulate(sj.paper_scene(), PERIODS, saves_per_period=50, probe=1, **options)
 
 
 def first(loads, periods):
@@ -33,8 +42,9 @@ def test_the_peak_does_not_depend_on_the_saves_and_converges_in_the_step(stiffne
     """The highest of 50 saves is 6.9 % too low at the stiffest."""
     scene = sj.paper_scene(stiffness=stiffness)
     assert sj.model.default_steps_per_period(scene) <= STEPS
-    runs = (lambda s: probed(s, STEPS), fine, finest)
-    few, many, exact = (over_periods(first(run(scene).loads, 2)) for run in runs)
+    few, many, exact = (
+        over_periods(first(run(scene).loads, 2)) for run in (lambda s: probed(s, STEPS), fine, finest)
+    )
     # measured 3e-14 at one of the three: sums are reassociated differently in another program
     np.testing.assert_allclose(few.peak_force, many.peak_force, rtol=1e-11)
     at = np.unravel_index(np.argmax(exact.peak_force), exact.peak_force.shape)
@@ -79,6 +89,18 @@ def test_impulses_are_the_change_of_momentum(run, steps, most):
 
 
 @pytest.mark.full
+def test_adaptive_runs_have_the_same_peak():
+    run, exact = adaptive(1e-7), finest(sj.paper_scene())
+    assert float(run.peak.force) == pytest.approx(float(exact.peak.force), rel=1e-3)
+    assert int(run.status) == Status.FINITE
+    assert np.all(run.steps_taken > 100)
+    rough = adaptive(1e-5)
+    assert np.all(rough.steps_taken < run.steps_taken)
+    assert 1e-7 < float(rough.probe.error[0]) < 1e-2
+    assert float(run.probe.error[0]) < 0.1 * float(rough.probe.error[0])
+
+
+@pytest.mark.full
 def test_an_error_probe_tells_good_steps_from_bad():
     good = probed(sj.paper_scene(), 104)
     assert int(good.status) == Status.FINITE
@@ -109,6 +131,20 @@ def test_an_error_beside_the_play_is_inaccurate():
     assert int(coarse.status) == Status.INACCURATE
     assert float(coarse.probe.error.max()) == pytest.approx(0.305, rel=0.1)  # 0.055 in the usual scales
     assert int(probed(tight, 128).status) == Status.FINITE  # measured 0.017
+    wide, run = sj.paper_scene(), coarse.end
+    for change, sizes in ((sj.Motion(z=1e-4), (1.0, 0.1)), (sj.Motion(q_x=5e-4), (1.0, 0.1)), (FAST, (0.1, 0.1))):
+        other = dataclasses.replace(run, motion=moved(run.motion, change))
+        assert [float(_difference(s, run, other)) for s in (tight, wide)] == pytest.approx(sizes)
+
+
+def test_other_speeds_and_numbers_of_steps_compile_nothing_more():
+    run = lambda speed, steps: probed(sj.paper_scene(speed), steps).status.block_until_ready()
+    run(1250.0, 152)
+    run(1251.0, 152)
+    with compilations() as compiled:
+        run(1300.0, 152)
+        run(1300.0, 200)
+    assert not compiled
 
 
 def test_touching_is_needed_and_deep_penetration_is_flagged():
@@ -141,7 +177,8 @@ def closed_share(gap, args):
     return contact_loads(zero, gap, zero[:, 0, 0], zero, args, 64.0).contact_fraction
 
 
-@pytest.mark.parametrize(("period", "capacity"), [(0, 64), (1, 64), (3, 80)])
+@pytest.mark.parametrize("period", [0, 1, 2, 3])
+@pytest.mark.parametrize("capacity", [64, pytest.param(80, marks=pytest.mark.full)])
 def test_shares_in_contact_are_of_the_time(period, capacity):
     """Of a gap that is closed for less than half of a forcing period, in which the speed may change."""
     scene = sj.paper_scene()
@@ -155,12 +192,16 @@ def test_shares_in_contact_are_of_the_time(period, capacity):
     exact = seconds(edges) / seconds([0.0, 1.0])
     # measured: 1.3e-3 in the first period, from 50 m/s, 8e-5 in the others
     assert share(turned) == pytest.approx(exact, rel=3e-3)
-    if period != 1:  # there it is not that of the distance
+    if period in (0, 2, 3):  # there it is not that of the distance
         assert abs(exact / np.diff(edges)[0] - 1) > 0.05
 
 
 @pytest.mark.full
 def test_shares_of_several_periods_are_of_their_time():
+    loads = first(fine(sj.paper_scene()).loads, 2)
+    loads = loads._replace(contact_fraction=np.array([0.0, 1.0])[:, None, None] + 0 * loads.contact_fraction)
+    assert np.all(np.asarray(over_periods(loads).contact_fraction) == 0.5)
+    assert np.asarray(over_periods(loads, jnp.array([3.0, 1.0])).contact_fraction) == pytest.approx(0.25)
     scene = dataclasses.replace(sj.paper_scene(), speed=FASTER)
     run = sj.simulate(scene, 4, steps_per_period=80)
     seconds = np.diff(scene.seconds(np.arange(5.0)))

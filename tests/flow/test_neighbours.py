@@ -1,22 +1,25 @@
 """Slopes from neighbouring steps: exact for cubics, of fourth order, and blind to what lies beyond the steps."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from slipperjax.flow.course import step_slopes
+from slipperjax.flow import course
+from slipperjax.flow.course import DIFFERENCE_MARGIN
 
-slopes = jax.jit(step_slopes)
+# few programs instead of one for each operation
+continued, slopes = jax.jit(course.continued), jax.jit(course.step_slopes)
 
 
-@pytest.mark.parametrize(("degree", "ends"), [(1, 2), (2, 3), (3, 4), (3, 30)])
-def test_polynomials_have_exact_slopes_whatever_lies_beyond_the_steps(degree, ends):
-    """Fewer than three steps have no room beyond them."""
-    place = np.arange(ends + 5.0)
-    values = np.where(place < ends, place**degree - 3 * place, np.nan)
-    exact = degree * place[:ends] ** (degree - 1) - 3
-    for given in (values[:ends], values)[: 2 if ends > 3 else 1]:
-        np.testing.assert_allclose(slopes(given, ends - 1)[:ends], exact, atol=1e-14 * np.abs(exact).max())
+@pytest.mark.parametrize(("degree", "ends"), [(1, 2), (2, 3), (3, 4), (3, 5), (3, 30)])
+def test_polynomials_go_on_and_have_exact_slopes(degree, ends):
+    place = np.arange(-DIFFERENCE_MARGIN, ends + DIFFERENCE_MARGIN, dtype=float)
+    values, rates = place**degree - 3 * place, degree * place ** (degree - 1) - 3
+    inner = slice(DIFFERENCE_MARGIN, -DIFFERENCE_MARGIN)
+    scale = np.abs(values).max()  # measured: no difference at all
+    np.testing.assert_allclose(continued(jnp.asarray(values[inner]), ends - 1), values, atol=1e-14 * scale)
+    np.testing.assert_allclose(slopes(jnp.asarray(values[inner]), ends - 1), rates[inner], atol=1e-14 * scale)
 
 
 def test_they_are_of_fourth_order_also_at_both_ends_of_the_period():
@@ -30,3 +33,9 @@ def test_they_are_of_fourth_order_also_at_both_ends_of_the_period():
     middle = coarse[2:-2].max() / fine[2:-2].max()
     assert middle == pytest.approx(16, rel=0.01)  # measured: 15.98
     assert coarse.max() / fine.max() > 7.5  # cubics beyond the ends are of third order in slopes; measured: 7.92
+
+
+def test_what_lies_beyond_the_steps_does_not_count():
+    values = np.sin(np.arange(41.0) / 7)
+    short, padded = (slopes(given, 30) for given in (values[:31], np.where(np.arange(41) < 31, values, np.nan)))
+    np.testing.assert_array_equal(padded[:31], short)

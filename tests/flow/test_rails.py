@@ -23,16 +23,19 @@ ON_RAIL = dataclasses.replace(SCENE, track=RAIL)
 COUNT = 65
 PLACES = np.linspace(0.0, 8.0, COUNT)
 WAVE = np.sin(2 * np.pi * PLACES / 8)
-TWO = sj.model.TrackSet(
-    [sj.model.SampledTrack([0.0, 16.0], f * 1e-3 * np.sin(np.arange(65)), 0.0) for f in (1.0, 2.0)]
-)
+
+
+def sampled(lateral, vertical):
+    return sj.model.SampledTrack(PLACES, lateral, vertical, np.radians(0.2) * WAVE, ends="repeat")
 
 
 @pytest.mark.full
 def test_a_sampled_sine_moves_slippers_as_the_harmonic_rail_does():
-    sampled = sj.model.SampledTrack(PLACES, 1e-3 * WAVE, 1e-3 * WAVE, np.radians(0.2) * WAVE, ends="repeat")
-    scenes = (dataclasses.replace(SCENE, memory=sj.model.EventLatch(), track=at) for at in (SCENE.track, sampled))
-    ends = [coordinates(sj.simulate(scene, 6, steps_per_period=STEPS).end) for scene in scenes]
+    latch = dataclasses.replace(SCENE, memory=sj.model.EventLatch())
+    ends = [
+        coordinates(sj.simulate(dataclasses.replace(latch, track=track), 6, steps_per_period=STEPS).end)
+        for track in (SCENE.track, sampled(1e-3 * WAVE, 1e-3 * WAVE))
+    ]
     np.testing.assert_allclose(ends[1], ends[0], atol=1e-6, rtol=2e-5)  # measured 4e-6
 
 
@@ -76,8 +79,11 @@ def test_a_survey_and_random_rails_like_it_are_an_axis(tmp_path):
 @pytest.mark.full
 def test_a_traced_number_of_no_rail_marks_its_case():
     """Where values cannot be looked at, they lose the case and do not choose another rail."""
+    rails = sj.model.TrackSet(
+        [sj.model.SampledTrack([0.0, 16.0], f * 1e-3 * np.sin(np.arange(65)), 0.0) for f in (1.0, 2.0)]
+    )
     seeds, numbers = ([1.0, 0.5, -1.0, most, np.nan, np.inf] for most in (2.0**53, 2.0))
-    for track, values in ((RAIL, seeds), (sj.model.RandomRails(RAIL, 0.5), seeds), (TWO, numbers)):
+    for track, values in ((RAIL, seeds), (sj.model.RandomRails(RAIL, 0.5), seeds), (rails, numbers)):
         body, name = sled_on() if track.rails else SCENE.slipper, f"track.{track.chosen_by}"
         scene = dataclasses.replace(SCENE, slipper=body, track=track)
         checked = lambda value, scene=scene, name=name: scene.replace(**{name: value})
@@ -91,11 +97,14 @@ def test_a_traced_number_of_no_rail_marks_its_case():
     np.testing.assert_array_equal(jax.jit(jax.vmap(status))(jnp.asarray(seeds)), [0, 1, 1, 1, 1, 1])
 
 
-@pytest.mark.parametrize("value", [0.5, -1, 2.0**53, np.nan, True, "1", 7])
+@pytest.mark.parametrize("value", [0.5, -1, 2.0**53, np.inf, np.nan, 1 + 1e-12, True, "1", 7])
 @pytest.mark.parametrize("chosen_by", ["seed", "number"])
 def test_a_number_that_chooses_a_rail_is_whole_and_in_range(chosen_by, value):
     """Before anything is compiled, in each place where one is given; of two rails there is no 7."""
-    track, most = (RAIL, "2^53 - 1") if chosen_by == "seed" else (TWO, "1")
+    rails = sj.model.TrackSet(
+        [sj.model.SampledTrack([0.0, 16.0], f * 1e-3 * np.sin(np.arange(65)), 0.0) for f in (1.0, 2.0)]
+    )
+    track, most = (RAIL, "2^53 - 1") if chosen_by == "seed" else (rails, "1")
     if chosen_by == "seed" and value == 7:
         value = -7
     alone, both = (dataclasses.replace(SCENE, track=t) for t in (track, sj.model.SumTrack(SCENE.track, track)))
@@ -116,10 +125,17 @@ def test_a_number_that_chooses_a_rail_is_whole_and_in_range(chosen_by, value):
             make()
 
 
+def test_a_wrong_number_is_shown_with_the_digits_that_make_it_wrong():
+    words = re.escape("`seed` must be a whole number of 0 to 2^53 - 1, but is 1.000000001.")
+    with pytest.raises(ValueError, match=words):
+        sj.RandomTrack.sled(seed=1.000000001)
+
+
 def test_whole_numbers_are_not_varied_by_little():
     longer = dataclasses.replace(SCENE, track=sj.RandomTrack.sled())
     whole, little = "must be a whole number of 0 to", "cannot be varied by little: it is a whole number"
     for call, words in (
+        (lambda: sj.sweeps.sample_box({"track.seed": (0, 100)}, 8, scene=ON_RAIL), whole),
         (lambda: sj.sweeps.sample_box({"track.seed": scipy.stats.uniform(0, 100)}, 8, scene=ON_RAIL), whole),
         (lambda: sensitivities(longer, "peak_force", ["track.seed"]), little),
         (lambda: sj.optimise_design(longer, "peak_force", {"track.seed": (0, 5)}), little),
@@ -215,7 +231,9 @@ def test_tables_by_distance_must_reach_the_rail():
 def test_sums_and_sets_begin_where_all_of_their_rails_are_known():
     joints = sj.model.LocalTrack(place=[6.0], height=[-3e-4], length=0.5, shape="joint", every=12.0)
     assert sj.model.SumTrack(joints, FAR.track).origin == FIRST
-    assert sj.model.TrackSet([section(3.0), section(5.0)]).origin == section(5.0, ends="error").origin == 5.0
+    assert sj.model.SumTrack(section(-20.0), joints).origin == -20.0
+    assert sj.model.TrackSet([section(3.0), section(5.0)]).origin == 5.0
+    assert section(5.0, ends="error").origin == 5.0
     closed = sj.model.SampledTrack(5.0 + PLACES, 1e-3 * WAVE, 0.0, ends="repeat")
     assert closed.origin == RAIL.origin == SCENE.track.origin == 0.0
 
@@ -259,9 +277,10 @@ def test_where_a_run_begins_may_be_traced():
         return velocities(sj.period_map(scene, start, begin=begin, **options))
 
     plain = after(3.0)
-    found = jax.vmap(after)(jnp.array([3.0, 11.0]))
+    found = jax.vmap(after)(jnp.array([3.0, 11.0, jnp.inf]))
     # measured: 1e-15 m/s; the rail recurs after 8 m
-    np.testing.assert_allclose(found, [plain, plain], atol=1e-12)
+    np.testing.assert_allclose(found[:2], [plain, plain], atol=1e-12)
+    assert np.isnan(found[2]).all()  # beyond every rail
     slope = (after(3.0 + 1e-5) - after(3.0 - 1e-5)) / 2e-5
     # measured: 6e-10
     np.testing.assert_allclose(jax.jacfwd(after)(3.0), slope, rtol=1e-7)

@@ -8,9 +8,9 @@ from scipy.interpolate import CubicHermiteSpline
 
 import slipperjax as sj
 from slipperjax.flow.course import Loads, over_periods
-from slipperjax.flow.numbers import ALIASES, RECORDS, Record
 from slipperjax.flow.period_map import PeriodMap
 from slipperjax.flow.record import PoincareSections, RecordedSpan, RecordSet, Samples, Strobe
+from slipperjax.flow.numbers import ALIASES, RECORDS, Record
 from slipperjax.flow.status import Status
 from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.model.layout import coordinate_rows
@@ -117,7 +117,10 @@ def test_crossings_beyond_the_capacity_are_counted_and_flagged():
     assert status.tolist() == [Status.POINTS_DROPPED, 0]
 
 
-@pytest.mark.parametrize(("record", "per_period"), [(RECORDS["peak_period"], 1.0), (PEAK_DISTANCE, 8.0)])
+AT_PEAK = {"peak_period": (RECORDS["peak_period"], 1.0), "peak_distance": (PEAK_DISTANCE, 8.0)}
+
+
+@pytest.mark.parametrize(("record", "per_period"), AT_PEAK.values(), ids=AT_PEAK)
 def test_what_is_told_of_a_peak_is_of_the_highest_of_all_periods(record, per_period):
     """Of points whose force is highest in the first, the second and the last of three periods, equal, and zero."""
     forces = np.array([[5.0, 2.0, 1.0, 4.0, 0.0], [1.0, 6.0, 2.0, 4.0, 0.0], [3.0, 5.0, 7.0, 4.0, 0.0]])
@@ -132,6 +135,15 @@ def test_what_is_told_of_a_peak_is_of_the_highest_of_all_periods(record, per_per
     wanted = per_period * when[[0, 1, 2, 0, 0], np.arange(5)]
     found = record.finish(jax.tree.map(lambda a: np.asarray(a)[None], carried), None, span(3, STEPS))
     np.testing.assert_allclose(found, np.broadcast_to(wanted, (1, 2, 5)), rtol=1e-14)
+
+
+@pytest.mark.full
+def test_a_sweep_tells_where_its_highest_forces_were():
+    grid = {"speed": [1250.0, 2100.0]}
+    record = ["peak_force", "peak_period", PEAK_DISTANCE]
+    ds = sj.sweep(sj.paper_scene(), grid, record=record, transient=2, periods=6, steps_per_period=STEPS)
+    np.testing.assert_allclose(ds["peak_distance"], 8.0 * ds["peak_period"], rtol=1e-12)
+    assert ds["peak_distance"].attrs["units"] == "m"
 
 
 @pytest.mark.parametrize("from_start", [False, True])

@@ -123,3 +123,16 @@ def test_an_applied_load_is_part_of_the_static_load():
     one = heavy(track=LEVEL, load=sj.model.AppliedLoad(force=(0.0, 0.0, -100.0)))
     assert float(loads(one)) == pytest.approx(14 * 9.81 + 100)
     np.testing.assert_allclose(loads(heavy(track=TWO_LEVEL, slipper=sled_on())), 100 * 9.81, rtol=1e-12)
+
+
+@pytest.mark.full
+def test_net_forces_are_mass_times_acceleration():
+    """Friction included, of a single slipper without weight."""
+    scene = dataclasses.replace(sj.paper_scene(), friction=sj.model.Coulomb(0.3))
+    record = ["slipper_peak", "peak_a_y", "peak_a_z"]
+    ds = sj.run(scene, length=16.0, window=8.0, steps_per_period=100, record=record, start=sj.table_2_start())
+    force = np.abs(ds["peak_slipper_force"].values)
+    acceleration = np.stack([ds["peak_a_y"], ds["peak_a_z"]], axis=-1)
+    np.testing.assert_allclose(force, 14.0 * acceleration, rtol=1e-9)
+    assert np.all(np.isnan(ds["static_ratio"]))
+    assert ds["peak_slipper_force"].dims == ("distance", "axis")

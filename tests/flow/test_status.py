@@ -20,8 +20,9 @@ def test_every_status_has_a_meaning_and_what_to_do():
     assert [int(s) for s in Status] == list(range(12))
     assert str(Status.FINITE) == "finite"
     for status in list(Status)[1:]:
+        assert status.meaning
         assert status.remedy
-        assert str(status) == f"{status.meaning}; {status.remedy}"
+        assert str(Status(int(status))) == f"{status.meaning}; {status.remedy}"
 
 
 @pytest.mark.full
@@ -43,6 +44,7 @@ def test_lost_motions_have_no_numbers():
     forces, counts, zeros = without_lost(values, status)
     # whether there is an orbit, and what was not reached, is no matter of the motion
     assert np.flatnonzero(np.isnan(forces).all(axis=1)).tolist() == [1, 2, 3, 4]
+    assert np.flatnonzero(np.isnan(forces).any(axis=1)).tolist() == [1, 2, 3, 4]
     assert np.isnan(zeros).sum() == 4
     assert zeros.dtype == np.float32
     assert counts.all()
@@ -113,9 +115,13 @@ def judged(steps, begin):
     [
         (0, [40] * 100, Status.FINITE),  # far from the slow place
         (0, [40] * 102, Status.TOO_FEW_STEPS),
+        (102, [320], Status.FINITE),
+        (102, [40], Status.TOO_FEW_STEPS),
+        (101, [320] * 3, Status.FINITE),
         (99, [40, 320, 320, 320, 320, 40], Status.FINITE),  # as of adaptive steps: each period has its own
         (99, [320, 320, 320, 40, 320, 320], Status.TOO_FEW_STEPS),
         (105, [40] * 100, Status.FINITE),  # behind it
+        (0, [40] * 200, Status.TOO_FEW_STEPS),  # fast at both ends
     ],
     ids=lambda value: getattr(value, "name", None),
 )
@@ -131,6 +137,7 @@ def test_steps_are_judged_where_they_are(begin, steps, code):
     [
         (784.0, 3, Status.FINITE),  # a program of four periods, the last of which is slower
         (784.0, 4, Status.TOO_FEW_STEPS),
+        (848.0, 3, Status.FINITE),
     ],
     ids=lambda value: getattr(value, "name", None),
 )
@@ -153,10 +160,11 @@ class GivesUp(sj.solvers.Latching):
 
 
 @pytest.mark.full
-def test_a_solver_that_gives_up_is_seen_in_its_last_period_too():
+@pytest.mark.parametrize("saves", [1, 50])
+def test_a_solver_that_gives_up_is_seen_in_its_last_period_too(saves):
     plain = sj.paper_scene()
     scene = sj.Scene(plain.speed, plain.slipper, plain.section, sj.model.StraightTrack(), sj.model.HertzSpring(1e8))
-    solver = GivesUp(diffrax.Euler())
-    found = sj.simulate(scene, 1, steps_per_period=50, saves_per_period=1, loads=False, solver=solver)
+    options = dict(steps_per_period=50, saves_per_period=saves, loads=False)
+    found = sj.simulate(scene, 1, solver=GivesUp(diffrax.Euler()), **options)
     assert int(found.status) == Status.NOT_FINITE
     assert np.isnan(found.state.motion.v_y[-1])

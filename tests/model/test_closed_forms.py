@@ -1,11 +1,15 @@
-"""Motions with solutions in closed form: flight and impact."""
+"""Motions with solutions in closed form: flight, impact, rest, energy, symmetry."""
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import slipperjax as sj
+from slipperjax.model.dynamics import Args, contact_forces
+from slipperjax.model.kinematics import contacts, rail_frame
 
-from ..common import FINEST, STEPS, among, fine, finest
+from ..common import FINEST, STEPS, among, elastic_energy, fine, finest
 from ..systems.fields import depth, rebound
 
 
@@ -21,6 +25,37 @@ def test_free_flight_keeps_momentum_and_energy():
     magnitude = np.linalg.norm(spin, axis=0)  # of the angular momentum; the spin varies, as its axis is not principal
     np.testing.assert_allclose(magnitude, magnitude[0], rtol=1e-12)
     assert np.ptp(m.w_x) > 0.01
+
+
+def test_work_of_the_drive_is_stored_or_dissipated():
+    scene = sj.paper_scene()
+    trajectory = fine(scene)
+
+    @sj.jit
+    @jax.vmap
+    def powers(phase, state):
+        args, m = Args(scene, phase), state.motion
+        frame = rail_frame(scene, phase)
+        now = contacts(frame, m)
+        force = contact_forces(scene, now, state.memory)
+        elastic = contact_forces(scene, now, jnp.full(20, -1e-300))  # a ratio of zero: no damping
+        rates = sj.model.vector_field(scene).evaluate(0.0, state, args).motion
+        _, turning = jax.jvp(lambda p, m: contacts(rail_frame(scene, p), m).gap, (phase, m), (1.0, rates))
+        inertia = scene.slipper.inertia
+        kinetic = 0.5 * (14.0 * (m.v_y**2 + m.v_z**2) + inertia @ jnp.stack([m.w_x, m.w_y, m.w_z]) ** 2)
+        stored = kinetic + jnp.sum(elastic_energy(scene, now.gap))
+        # Eq. (8) omits the normal's rotation from the gap rate; its power is work of the track, too
+        work = jnp.sum(force * frame.velocity) - jnp.sum(elastic * (turning / scene.period - now.rate))
+        dissipated = -jnp.sum((force - elastic) * now.rate)
+        return stored, work, dissipated
+
+    stored, work, dissipated = powers(trajectory.period, trajectory.state)
+    step = float(scene.period) / STEPS
+    trapezoid = lambda p: np.concatenate([[0], np.cumsum((p[1:] + p[:-1]) / 2)]) * step
+    drive, loss = trapezoid(np.asarray(work)), trapezoid(np.asarray(dissipated))
+    residual = drive - loss - (np.asarray(stored) - stored[0])
+    assert loss[-1] > 0.5 * abs(drive).max() > 1.0  # [J]: the terms of the balance are large
+    assert np.abs(residual).max() < 2e-3 * abs(drive).max()  # a failure prints the measured value
 
 
 @pytest.mark.parametrize("restitution", among({str(r): r for r in (0.2, 0.5, 0.9, 1.0)}, "0.2", "0.9"))

@@ -76,8 +76,9 @@ def plain(t, angles, m, memory, speed, clearance, length):
 
 @sj.jit
 def compiled(t, scene, state):
-    args = Args(scene)
-    return sj.model.reactions(t, state, args), sj.model.vector_field(scene).evaluate(t, state, args).motion
+    return sj.model.reactions(t, state, Args(scene)), sj.model.vector_field(scene).evaluate(
+        t, state, Args(scene)
+    ).motion
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -12,10 +12,10 @@ SHAPES = np.arange(18.0).reshape(2, 3, 3) / 100
 ARRAYS = {"frequency": [50.0, 80.0], "damping": [0.01, 0.02], "shapes": SHAPES}
 
 
-def table(tmp_path, *changes, axes="xyz"):
+def table(tmp_path, *changes):
     """Writes a table of two modes, with texts replaced."""
-    head = ", ".join(f"{name} {axis}" for name in NAMES for axis in axes)
-    rows = [", ".join(map(str, row.ravel())) for row in SHAPES[..., -len(axes) :]]
+    head = ", ".join(f"{name} {axis}" for name in NAMES for axis in "xyz")
+    rows = [", ".join(map(str, row)) for row in SHAPES.reshape(2, 9)]
     text = f"frequency [kHz], damping, {head}\n0.05, 0.01, {rows[0]}\n0.08, 0.02, {rows[1]}\n"
     for old, new in changes:
         assert old in text
@@ -43,8 +43,15 @@ def test_shapes_are_found_by_the_names_of_mounts(made, tmp_path):
 
 
 def test_shapes_along_the_rail_may_be_left_out(tmp_path):
-    for file in (table(tmp_path, axes="yz"), arrays(tmp_path, mounts=NAMES, shapes=SHAPES[..., 1:])):
-        np.testing.assert_array_equal(sj.model.load_modes(file, NAMES).shapes, SHAPES[..., 1:])
+    rows = [", ".join(map(str, row.ravel())) for row in SHAPES[..., 1:]]
+    head = ", ".join(f"{name} {axis}" for name in NAMES for axis in "yz")
+    file = tmp_path / "fe.csv"
+    file.write_text(f"frequency [Hz], damping, {head}\n50, 0.01, {rows[0]}\n80, 0.02, {rows[1]}\n")
+    np.testing.assert_array_equal(sj.model.load_modes(file, NAMES).shapes, SHAPES[..., 1:])
+    file = arrays(tmp_path, mounts=NAMES, shapes=SHAPES[..., 1:])
+    np.testing.assert_array_equal(sj.model.load_modes(file, NAMES).shapes, SHAPES[..., 1:])
+    with pytest.raises(ValueError, match=r"`shapes` must be along y and z, or x, y and z, but is shape \(2, 3, 1\)"):
+        sj.model.Modes(**ARRAYS | {"shapes": SHAPES[..., 2:]})
 
 
 def test_other_units_of_mass_and_places_besides_the_mounts(tmp_path):
@@ -66,12 +73,10 @@ FAULTS = [
     (table, [("0.08,", "0.04,"), (" 0.02, 0.09", " x, 0.09")], "fe.csv has 2 faults"),
     (arrays, {"mounts": ["left1", "left2", "right"]}, "`shapes` must have those at Right_front, but has those at"),
     (arrays, {"shapes": SHAPES[:, :2]}, r"`shapes` must be of shape (modes, 3, 3), but is of shape (2, 2, 3)"),
-    (arrays, {"shapes": SHAPES[..., 2:]}, "`shapes` must be along y and z, or x, y and z, but is shape (2, 3, 1)"),
     (arrays, {"frequency": [80.0, 50.0]}, "`frequency` must rise from mode to mode"),
+    (arrays, {"damping": [0.01]}, "`damping` must have one value per mode"),
     (arrays, {"damping": None}, "must have arrays frequency, damping and shapes, but has no damping"),
     (arrays, {"shapes": np.array([{}], object)}, "is no npz file that can be read"),
-    (arrays, {"modal_mass": [4.0, -1.0]}, "fe.npz: Argument `modal_mass` must be positive, but is -1 kg"),
-    (arrays, {"modal_mass": [4.0]}, "`modal_mass` must have one value per mode, 2, but has shape"),
 ]
 
 
@@ -87,6 +92,16 @@ def test_faults_of_files_are_told(make, changes, words, tmp_path):
         assert str(caught.value).count(file.name) == 1
 
 
+def test_what_is_no_file_of_modes_is_told(tmp_path):
+    (tmp_path / "fe.npz").write_bytes(b"PK\x03\x04")
+    with pytest.raises(ValueError, match=r"^\S+fe\.npz is no npz file that can be read"):
+        sj.model.load_modes(tmp_path / "fe.npz")
+    with pytest.raises(FileNotFoundError, match=r"No such file: .*none\.csv"):
+        sj.model.load_modes(tmp_path / "none.csv")
+    with pytest.raises(ValueError, match="`mounts` must be a list of names"):
+        sj.model.load_modes(tmp_path / "fe.npz", "left1")
+
+
 def test_shapes_of_another_scale_are_divided_by_their_masses_or_warned_of(tmp_path):
     masses = [4.0, 25.0]
     scale = np.sqrt(masses)[:, None, None]
@@ -95,6 +110,10 @@ def test_shapes_of_another_scale_are_divided_by_their_masses_or_warned_of(tmp_pa
     text = table(tmp_path, ("damping,", "damping, modal mass [kg],"), (" 0.01, 0.0, ", " 0.01, 4, 0.0, "))
     text.write_text(text.read_text().replace(" 0.02, 0.09", " 0.02, 25, 0.09"))
     np.testing.assert_allclose(sj.model.load_modes(text).shapes, SHAPES / scale, rtol=1e-15)
+    with pytest.raises(ValueError, match=r"fe\.npz: Argument `modal_mass` must be positive, but is -1 kg"):
+        sj.model.load_modes(arrays(tmp_path, modal_mass=[4.0, -1.0]))
+    with pytest.raises(ValueError, match="`modal_mass` must have one value per mode, 2, but has shape"):
+        sj.model.load_modes(arrays(tmp_path, modal_mass=[4.0]))
     # a beam of 500 kg, as finite elements write it: with a largest value of 1
     mounts = [sj.Mount(x=x, name=name) for x, name in ((2.0, "a"), (-2.0, "b"))]
     beam = sj.model.Modes.beam([2.0, -2.0], mass=500.0, length=4.0, stiffness=1e7)

@@ -28,8 +28,9 @@ POINTS = 20
 
 
 def some_motion():
-    velocities = dict(v_y=0.3, v_z=-0.8, w_x=4, w_y=-9, w_z=6)
-    return sj.Motion.from_euler(y=2e-4, z=-6e-4, roll=3e-3, pitch=-4e-3, yaw=2e-3, **velocities)
+    return sj.Motion.from_euler(
+        y=2e-4, z=-6e-4, roll=3e-3, pitch=-4e-3, yaw=2e-3, v_y=0.3, v_z=-0.8, w_x=4, w_y=-9, w_z=6
+    )
 
 
 def test_tractions_oppose_the_sliding_in_the_faces():
@@ -71,12 +72,14 @@ def test_what_is_off_adds_no_operation(solver):
 
 def test_loads_push_a_free_slipper():
     scene = dataclasses.replace(sj.paper_scene(clearance=30e-3), load=LOAD, speed=1000.0)
-    state = sj.initial_state(scene, sj.Motion())
-    rates = sj.model.vector_field(scene).evaluate(0.0, state, sj.model.Args(scene)).motion
+    rates = (
+        sj.model.vector_field(scene).evaluate(0.0, sj.initial_state(scene, sj.Motion()), sj.model.Args(scene)).motion
+    )
     per_second = [float(v) / float(scene.period) for v in (rates.v_y, rates.v_z, rates.w_x, rates.w_y, rates.w_z)]
     j = np.asarray(scene.slipper.inertia)
-    exact = [20 / 14, (-500 + 100) / 14, 1 / j[0], (-2 + 10) / j[1], 3 / j[2]]
-    np.testing.assert_allclose(per_second, exact, rtol=1e-12)
+    np.testing.assert_allclose(
+        per_second, [20 / 14, (-500 + 100) / 14, 1 / j[0], (-2 + 10) / j[1], 3 / j[2]], rtol=1e-12
+    )
 
 
 def at_speed(speed):
@@ -84,7 +87,7 @@ def at_speed(speed):
 
 
 def test_tables_are_linear_between_their_rows():
-    table = sj.model.TabulatedLoad(ROWS, speed=[100.0, 300.0])
+    table = sj.model.TabulatedLoad([[0, 0, 10.0], [-4.0, 0, 30.0]], speed=[100.0, 300.0])
     force, moment = table.wrench(at_speed(150.0))
     np.testing.assert_allclose(force, [-1.0, 0.0, 15.0])
     np.testing.assert_allclose(moment, 0.0)
@@ -92,11 +95,15 @@ def test_tables_are_linear_between_their_rows():
 
 
 ROWS = np.array([[0, 0, 10.0], [-4.0, 0, 30.0]])
+
+
 BAD = {
     "`force` must have one value per speed": lambda: sj.model.TabulatedLoad(ROWS[:1], speed=[1.0, 2.0]),
     "`moment` must have one value per time": lambda: sj.model.TabulatedLoad(ROWS, ROWS[:1], time=[1.0, 2.0]),
     "`force` must go by one of distance, time, speed, but is by none": lambda: sj.model.TabulatedLoad(ROWS),
+    "time, speed, but is by time, speed": lambda: sj.model.TabulatedLoad(ROWS, speed=[1, 2], time=[1, 2]),
     "`drag_coefficient` must be one number, or have `mach`": lambda: sj.model.AerodynamicLoad(1.0, [0.1, 0.2]),
+    "must have one value per mach": lambda: sj.model.AerodynamicLoad(1.0, [0.1, 0.2], mach=[1.0]),
     "`loads` must be loads such as": lambda: sj.model.SumLoad([sj.model.Coulomb(0.1)]),
 }
 
@@ -117,6 +124,7 @@ def test_drag_and_lift_of_the_air():
     np.testing.assert_allclose(moment, [-0.3 * side, -0.3 * drag - 0.1 * lift, 0.1 * side], rtol=1e-14)
 
 
+@pytest.mark.full
 def test_loads_are_added_and_named():
     drag = sj.model.AerodynamicLoad(0.5, 0.4)
     scene = dataclasses.replace(SCENE, load=sj.model.SumLoad([LOAD, drag]))
@@ -124,7 +132,13 @@ def test_loads_are_added_and_named():
     for both, one, other in zip(*(load.wrench(here) for load in (scene.load, LOAD, drag)), strict=True):
         np.testing.assert_array_equal(both, one + other)
     half = scene.replace(**{"load.loads.1.area": 0.25, "load.loads.0.force.2": -300.0})
-    assert (float(half.value("load.loads.1.area")), float(half.load.loads[0].force[2])) == (0.25, -300.0)
+    assert float(half.value("load.loads.1.area")) == 0.25
+    assert float(half.load.loads[0].force[2]) == -300.0
+    # more drag takes more drive, and changes nothing else; measured 2e-16
+    swept = dict(record=["drive_force", "peak_force"], transient=0, periods=1, steps_per_period=40)
+    ds = sj.sweep(scene, {"load.loads.1.area": [0.5, 1.0]}, **swept)
+    np.testing.assert_allclose(np.diff(ds["drive_force"].values), 0.5 * 0.4 * 0.5 * 1.225 * 1250.0**2, rtol=1e-12)
+    np.testing.assert_array_equal(*ds["peak_force"].values)
     for name, words in (
         ("load.loads.2.area", "must have a number of 0 to 1 in place of '2'"),
         ("load.loads", "leads to no number: load.loads is tuple"),
@@ -137,10 +151,12 @@ def test_loads_are_added_and_named():
 def test_loads_by_place_and_time_meet_the_run(axis):
     """The drive along a straight rail balances the load there, at the programme's own times and distances."""
     speed = sj.SpeedProgramme.over_time([0.0, 1.0, 3.0], [100.0, 300.0, 300.0], begin=50.0)
-    end = {"time": 4.0, "distance": 1000.0}[axis]
-    thrust = sj.model.TabulatedLoad([[0, 0, 0], [1000.0, 0, 0]], **{axis: [0.0, end]})
-    parts = dict(track=sj.model.StraightTrack(), speed=speed, load=thrust, window=1.0)
-    scene = dataclasses.replace(sj.paper_scene(clearance=30e-3), **parts)
+    thrust = sj.model.TabulatedLoad(
+        [[0, 0, 0], [1000.0, 0, 0]], **{axis: [0.0, {"time": 4.0, "distance": 1000.0}[axis]]}
+    )
+    scene = dataclasses.replace(
+        sj.paper_scene(clearance=30e-3), track=sj.model.StraightTrack(), speed=speed, load=thrust, window=1.0
+    )
     state = sj.initial_state(scene, sj.Motion())
     # a second after the first place it has gone 200 m, and 300 m a second later
     for place, time, mass_times_acceleration in ((150.0, None, 14.0 * 200.0), (550.0, 2.0, 0.0)):
@@ -246,8 +262,10 @@ def test_a_load_is_read_from_a_file_with_its_units(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
+        ("time [s], lift [N]\n0, 1\n", "no line of names with units"),
         ("time [s], speed [m/s]\n0, 1\n", "must have distance or time or speed, and force_x or force_y"),
         ("time [s], thrust [N]\n0, 1\n0, 2\n", "line 3: time 0 s does not exceed 0 s of line 2"),
+        ("time [s], thrust [kg]\n0, 1\n1, 2\n", "line 1: `thrust` must be in a unit like N, but is in 'kg'"),
     ],
 )
 def test_faults_of_a_file_of_loads_name_the_line(text, words, tmp_path):

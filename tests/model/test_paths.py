@@ -25,11 +25,15 @@ SLED = dataclasses.replace(
 PATHS = {
     "section.play.2": (SCENE, lambda s: s.section.play[2]),
     "section.points.D.1": (SCENE, lambda s: s.section.points[3, 1]),
+    "slipper.inertia.1": (SCENE, lambda s: s.slipper.inertia[1]),
     "slipper.mounts.left2.x": (SLED, lambda s: s.slipper.mounts[1].x),
+    "slipper.mounts.1.x": (SLED, lambda s: s.slipper.mounts[1].x),
     "slipper.mounts.left1.play.2": (SLED, lambda s: s.slipper.mounts[0].play[2]),
     "slipper.mounts.right1.x": (SLED, lambda s: s.slipper.mounts[2].x),
     "slipper.modes.damping.0": (SLED, lambda s: s.slipper.modes.damping[0]),
     "mass": (SLED, lambda s: s.slipper.mass),
+    "inertia_z": (SLED, lambda s: s.slipper.inertia[2]),
+    "length": (SLED, lambda s: s.slipper.length),
     "clearance": (SLED, lambda s: 2 * s.section.play[0]),
 }
 
@@ -42,22 +46,32 @@ def test_paths_lead_to_one_number_by_name_or_place(path):
     assert float(leaf(changed)) == float(changed.value(path)) == 0.125
 
 
-def test_paths_have_the_units_and_checks_of_their_fields_and_take_an_axis_of_cases():
-    assert parameter("slipper.inertia.1", SCENE).unit == "kg m^2"
-    with pytest.raises(ValueError, match=r"`section\.play\.2` must be zero or positive, but is -0\.001 m"):
-        SCENE.replace(**{"section.play.2": -1e-3})
-    both = SCENE.replace(**{"clearance": np.array([1e-3, 2e-3]), "section.play.1": np.array([3e-4, 4e-4])})
-    np.testing.assert_allclose(both.section.play[:, :3], [[5e-4, 3e-4, 5e-4], [1e-3, 4e-4, 1e-3]])
+def test_paths_have_the_units_of_their_fields_and_take_an_axis_of_cases():
+    for path, unit in (("section.play.2", "m"), ("section.points.D.1", "m"), ("slipper.inertia.1", "kg m^2")):
+        assert parameter(path, SCENE).unit == unit
+        values = np.array([0.125, 0.126])
+        np.testing.assert_allclose(SCENE.replace(**{path: values}).value(path), values, rtol=1e-15)
+
+
+def test_a_slipper_s_own_section_is_reached():
+    own = eqx.tree_at(lambda m: m[1].section, SLED.slipper.mounts, SCENE.section, is_leaf=lambda part: part is None)
+    scene = dataclasses.replace(SLED, slipper=dataclasses.replace(SLED.slipper, mounts=own))
+    changed = scene.replace(**{"slipper.mounts.left2.section.play.2": 1e-4})
+    assert float(changed.slipper.mounts[1].section.play[2]) == 1e-4
+    assert float(changed.section.play[2]) == 5e-4
 
 
 WRONG = [
     (SLED, "slipper.mounts.left3.x", "a number of 0 to 2 or one of left1, left2, right1 in place of 'left3'"),
+    (SLED, "slipper.mounts.3.x", "a number of 0 to 2 or one of left1, left2, right1 in place of '3'"),
     (SLED, "slipper.mounts.left2.play.2", "slipper.mounts.1.play is absent from the scene"),
     (SLED, "slipper.mounts.left2.rail", "Mount has x, y, z, section, length, play, but not 'rail'"),
+    (SLED, "slipper.mounts.left2", "slipper.mounts.1 is Mount"),
+    (SCENE, "section.play.D", "must have a number of 0 to 4 in place of 'D'"),
     (SCENE, "section.play.5", "must have a number of 0 to 4 in place of '5'"),
     (SCENE, "section.points.Z.1", "or one of A, B, C"),
     (SCENE, "section.points.D", "section.points is an array of shape"),
-    (SCENE, "friction.coefficient", "friction is absent from the scene"),
+    (SCENE, "section.names.0", "Section has points, play, but not 'names'"),
 ]
 
 
@@ -66,6 +80,11 @@ def test_wrong_paths_are_told(scene, path, words):
     with pytest.raises(ValueError, match="Argument") as caught:
         scene.replace(**{path: 0.1})
     assert words in str(caught.value)
+
+
+def test_a_value_is_checked_by_its_path():
+    with pytest.raises(ValueError, match=r"`section\.play\.2` must be zero or positive, but is -0\.001 m"):
+        SCENE.replace(**{"section.play.2": -1e-3})
 
 
 @pytest.mark.full
@@ -98,6 +117,14 @@ def test_names_are_set_and_read():
     assert set(values) == set(PARAMETERS)
     with pytest.raises(ValueError, match="`gravity` has no value: the scene has no gravitational acceleration"):
         SCENE.value("gravity")
+
+
+def test_values_may_have_an_axis_of_cases():
+    both = SCENE.replace(clearance=np.array([1e-3, 2e-3]), speed=np.array([900.0, 1000.0]))
+    np.testing.assert_allclose(both.section.play, [[0.5e-3] * 5, [1e-3] * 5])
+    assert both.speed.shape == (2,)
+    both = SCENE.replace(**{"section.play.0": np.array([1e-4, 2e-4]), "section.play.1": np.array([3e-4, 4e-4])})
+    np.testing.assert_allclose(both.section.play[:, :3], [[1e-4, 3e-4, 5e-4], [2e-4, 4e-4, 5e-4]])
 
 
 def test_a_part_after_the_whole_changes_it_and_undoes_nothing():

@@ -29,8 +29,9 @@ def two_masses(seconds):
 @pytest.mark.full
 @pytest.mark.parametrize("solver", ["RK4", "ImpulseRK4", IMPLICIT])
 def test_two_masses_swing_as_in_closed_form(solver):
-    start = sj.Motion(v_z=1.0, payload=sj.model.PayloadMotion())
-    run = sj.simulate(FREE, 2, start=start, steps_per_period=400, solver=solver)
+    run = sj.simulate(
+        FREE, 2, start=sj.Motion(v_z=1.0, payload=sj.model.PayloadMotion()), steps_per_period=400, solver=solver
+    )
     slipper, sled = two_masses(float(run.time[-1]))
     # measured 3e-9 with RK4 of the 4 mm that they move
     np.testing.assert_allclose([run.end.motion.z, run.end.motion.payload.z], [slipper, sled], rtol=1e-6, atol=1e-12)
@@ -86,3 +87,5 @@ def test_runs_with_a_sled_record_its_springs_and_go_on():
     first = of(16.0)
     rest = of(32.0, start=first)
     np.testing.assert_allclose(rest["spring_force"], ds["spring_force"][2:], rtol=1e-9)
+    with pytest.raises(ValueError, match="Argument `record` must be another one where the scene has no sled"):
+        sj.run(dataclasses.replace(scene, payload=None), length=8.0, window=8.0, record="spring_force")

@@ -11,7 +11,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import slipperjax as sj
-from slipperjax.model.random_rails import PowerLawSpectrum, TableSpectrum
+from slipperjax.model.random_rails import CornerSpectrum, PowerLawSpectrum, TableSpectrum
 from slipperjax.model.scene_files import scene_from_json, scene_from_toml, scene_to_json
 from slipperjax.model.step_size import rounded_steps
 from slipperjax.orbits.simulate import check_rail
@@ -45,9 +45,16 @@ def slopes(track, places=PLACES):
 def test_default_steps_of_a_whole_survey_are_judged_by_its_length():
     """A period of a rail that repeats is all of it. Each metre takes hundreds of steps, which are no sign of wrong
     units, but a period takes more than one of 8 m may."""
+    distance = np.linspace(0.0, 366.0, 9151)
+    track = sj.model.SampledTrack([0.0, 366.0], 1e-5 * np.sin(2 * np.pi * distance / 0.25), 0.0, ends="repeat")
+    rough = dataclasses.replace(on(track), contact=sj.model.Flores(1e9, 0.1))
+    steps = sj.model.default_steps_per_period(rough)
+    assert 100_000 < steps < 1000 * 366
+    with pytest.raises(ValueError, match="`steps_per_period` must be given: the default would be"):
+        sj.model.default_steps_per_period(dataclasses.replace(rough, contact=sj.model.Flores(1e9, 1e-7)))
     # 8 m of them may take as many as any other period
     assert rounded_steps(np.array([4.5e6]), np.array([366.0])) > 4.5e6
-    for needed, wavelength in ((4.6e6, 366.0), (1.1e5, 8.0)):
+    for needed, wavelength in ((4.6e6, 366.0), (1.1e5, 8.0), (1.1e5, 0.2)):
         with pytest.raises(ValueError, match="Are speed, stiffness and amplitude in SI units"):
             rounded_steps(np.array([100.0, needed]), np.array([8.0, wavelength]))
 
@@ -100,8 +107,10 @@ def test_a_rail_that_repeats_is_closed_over_its_ramp():
     wave = 1e-3 * np.sin(2 * np.pi * distance / 8)
     share = distance / 40.0
     open_rail = dict(distance=distance, lateral=wave, vertical=wave + 8e-5 * share, roll=3e-4 * share)
-    remedy = r'`vertical` must end as it begins.* m at .*; ramp=8, or ramp = "8 m" in a file, closes it\.$'
-    with pytest.raises(ValueError, match=remedy):
+    with pytest.raises(
+        ValueError,
+        match=r'`vertical` must end as it begins.* m at .*; ramp=8, or ramp = "8 m" in a file, closes it\.$',
+    ):
         sj.model.SampledTrack(**open_rail, ends="repeat")
     words = r"closing the last 10 m of the rail changes vertical by up to 0\.08 mm and roll by up to 0\.3 mrad\.$"
     with pytest.warns(sj.ImplausibleWarning, match=words):
@@ -120,9 +129,13 @@ def test_a_rail_that_repeats_is_closed_over_its_ramp():
     np.testing.assert_allclose(traced(open_rail["vertical"]), track.vertical, atol=1e-17)
 
 
-def test_no_slope_exceeds_the_steepest():
+def test_slopes_are_the_derivatives_of_displacements():
+    along = np.ones_like(PLACES)
     for track in (sampled(32, ends="repeat"), sj.RandomTrack.sled(), LOCAL["dips"], LOCAL["joints"], SUM):
-        assert float(np.max(np.abs(slopes(track).vertical))) <= float(facts_of(track)[1]) * (1 + 1e-6)
+        slope, steepest = slopes(track, PLACES), float(facts_of(track)[1])
+        by_jax = jax.jit(lambda x, track=track: jax.jvp(track.irregularity, (x,), (along,))[1])(PLACES)
+        assert largest(slope, by_jax) < 1e-14 * 1e3 * max(1e-3, steepest)
+        assert float(np.max(np.abs(slope.vertical))) <= steepest * (1 + 1e-6)
 
 
 def test_uneven_samples_are_resampled_and_the_error_is_said():
@@ -136,8 +149,10 @@ def test_uneven_samples_are_resampled_and_the_error_is_said():
     here = at(track, middle).lateral
     assert np.max(np.abs(here - at(HARMONIC, middle).lateral)) < 3e-6  # measured 1.8e-6
     # in a program the same map of samples
-    made = lambda samples: sj.model.SampledTrack(distance, samples, 0.0, ends="error")
-    np.testing.assert_allclose(jax.jit(lambda w: made(w).irregularity(middle).lateral)(wave), here, atol=1e-15)
+    traced = jax.jit(lambda w: sj.model.SampledTrack(distance, w, 0.0, ends="error").irregularity(middle).lateral)(
+        wave
+    )
+    np.testing.assert_allclose(traced, here, atol=1e-15)
 
 
 @pytest.mark.parametrize(
@@ -193,12 +208,13 @@ def test_sums_add_and_recur_with_all_their_parts():
     parts = [at(track) for track in (HARMONIC, LOCAL["dips"], LOCAL["joints"])]
     np.testing.assert_allclose(here.vertical, sum(part.vertical for part in parts), atol=1e-18)
     np.testing.assert_allclose(here.roll, parts[0].roll)
+    assert float(SUM.recurrence) == np.inf
     twice = sj.model.SumTrack(sj.HarmonicTrack((8.0,), 1e-3), sj.HarmonicTrack((12.0, 6.0), 1e-4))
-    with_joints = sj.model.SumTrack(HARMONIC, LOCAL["joints"])
-    assert [float(track.recurrence) for track in (SUM, twice, with_joints)] == [np.inf, 24.0, 8.0]
+    assert float(twice.recurrence) == 24.0
+    assert float(sj.model.SumTrack(HARMONIC, LOCAL["joints"]).recurrence) == 8.0
 
 
-@pytest.mark.parametrize("track", [HARMONIC, sampled(160, 40.0, ends="error")])
+@pytest.mark.parametrize("track", [HARMONIC, sampled(160, 40.0, ends="error"), sj.RandomTrack.sled(length=300.0)])
 def test_scenes_on_known_rails_can_be_made_inside_jit(track):
     """Where another part of the scene is traced."""
 
@@ -216,10 +232,13 @@ def test_a_number_chooses_one_of_several_rails():
     for several in (rails[:2], again):
         for number, rail in enumerate(several):
             assert largest(at(sj.model.TrackSet(several, number)), at(rail)) < 1e-18
-    with pytest.raises(ValueError, match="`number` must be a whole number of 0 to 1, but is 5"):
-        sj.model.TrackSet(rails[:2], 5)
-    with pytest.raises(ValueError, match="`tracks` must have the same ends, and all roll or none"):
-        sj.model.TrackSet(rails)
+    for tracks, number, words in (
+        (rails[:2], 5, "`number` must be a whole number of 0 to 1, but is 5"),
+        (rails, 0, "`tracks` must have the same ends, and all roll or none"),
+        ((HARMONIC,), 0, "`tracks` must be rails such as"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            sj.model.TrackSet(tracks, number)
 
 
 def test_fourier_tracks_have_their_own_amplitudes_and_phases():
@@ -248,7 +267,9 @@ def test_a_published_rms_and_conversions_of_spectra():
 
 
 SPECTRA = {
+    "low": lambda **o: sj.RandomTrack.german("low", **o),
     "high": lambda **o: sj.RandomTrack.german("high", **o),
+    "class 1": lambda **o: sj.RandomTrack.fra(1, **o),
     "class 6": lambda **o: sj.RandomTrack.fra(6, **o),
     "sled": lambda **o: sj.RandomTrack.sled(**(dict(band=(1.0, 50.0)) | o)),
     "table": lambda **o: sj.RandomTrack.spectrum([0.02, 0.1, 0.5], [1e-6, 1e-7, 1e-10], **o),
@@ -304,7 +325,8 @@ def test_one_seed_is_one_rail_at_any_scale_and_coherence_is_correlation():
 
 
 def test_wrong_random_rails_are_named():
-    wrong = {"`band` must be a tuple of": dict(band=(3.0, 1.0)), "twice the longest wave": dict(length=50.0)}
-    for words, options in wrong.items():
-        with pytest.raises(ValueError, match=words):
-            sj.RandomTrack.sled(**options)
+    spectra = dict(lateral=None, vertical=CornerSpectrum(1e-7, 0.02, 0.8))
+    with pytest.raises(ValueError, match="`band` must be a tuple of the shortest and the longest"):
+        sj.RandomTrack(**spectra, band=(3.0, 1.0))
+    with pytest.raises(ValueError, match="`length` must be at least twice the longest wave, 100 m"):
+        sj.RandomTrack(**spectra, length=50.0)

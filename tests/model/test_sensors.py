@@ -13,10 +13,19 @@ from slipperjax.model.kinematics import rotation
 from slipperjax.model.sensors import Channels, Rig, channels, interpolated, low_pass
 
 
-def seen_at(*shape, motion=0.0, acceleration=0.0) -> Channels:
-    zeros = lambda count: np.zeros((*shape, count))
-    force = np.broadcast_to([3.0, 4.0], (*shape, 2))
-    return Channels(zeros(10) + motion, zeros(5) + acceleration, force, np.zeros((*shape, 2, 0)))
+def seen_at(count=1, **values) -> Channels:
+    motion = np.zeros((count, 10))
+    acceleration = np.zeros((count, 5))
+    for name, value in values.items():
+        if name == "motion":
+            motion[:] = value
+        else:
+            acceleration[:] = value
+    return Channels(motion, acceleration, np.tile([3.0, 4.0], (count, 1)), np.zeros((count, 2, 0)))
+
+
+def first(seen: Channels) -> Channels:
+    return jax.tree.map(lambda a: a[0], seen)
 
 
 @jax.jit
@@ -41,7 +50,7 @@ def test_the_filter_is_scipys_butterworth(cutoff):
 
 
 def test_accelerations_of_a_place_are_those_of_a_rigid_body():
-    seen = seen_at(motion=[0, 0, 0, 0, 0, 0, 0, 0.1, -2.0, 3.0], acceleration=[5.0, 6.0, 7.0, 8.0, 9.0])
+    seen = first(seen_at(motion=[0, 0, 0, 0, 0, 0, 0, 0.1, -2.0, 3.0], acceleration=[5.0, 6.0, 7.0, 8.0, 9.0]))
     place = np.array([0.4, -0.2, 0.1])
     spin, turning = np.array([0.1, -2.0, 3.0]), np.array([7.0, 8.0, 9.0])
     expected = np.array([0, 5.0, 6.0]) + np.cross(turning, place) + np.cross(spin, np.cross(spin, place))
@@ -54,7 +63,7 @@ def test_accelerations_of_a_place_are_those_of_a_rigid_body():
 def test_displacements_turn_with_the_body():
     motion = sj.Motion.from_euler(y=1e-3, z=-2e-3, roll=0.02, pitch=0.01, yaw=-0.03)
     numbers = [getattr(motion, name) for name in ("y", "z", "q_x", "q_y", "q_z")]
-    seen = seen_at(motion=[*numbers, 0, 0, 0, 0, 0])
+    seen = first(seen_at(motion=[*numbers, 0, 0, 0, 0, 0]))
     place = np.array([0.1, 0.02, -0.03])
     expected = np.array(rotation(motion)) @ place - place + [0.0, 1e-3, -2e-3]
     gauges = [sj.model.Sensor("d", "displacement", place, axis) for axis in "yz"]
@@ -62,7 +71,7 @@ def test_displacements_turn_with_the_body():
 
 
 def test_gyroscopes_and_load_cells():
-    seen = seen_at(motion=[0, 0, 0, 0, 0, 0, 0, 0.1, -2.0, 3.0])
+    seen = first(seen_at(motion=[0, 0, 0, 0, 0, 0, 0, 0.1, -2.0, 3.0]))
     sensors = [sj.model.Sensor("w", "angular_velocity", direction="y"), sj.model.Sensor("f", "force", direction="z")]
     assert signals(sensors, seen) == [-2.0, 4.0]
 
@@ -83,20 +92,25 @@ def test_channels_are_those_of_the_equations_of_motion():
     seen, now = jax.jit(lambda state: (channels(args, 0.0, state), sj.model.reactions(0.0, state, args)))(state)
     # the same sums in another order
     np.testing.assert_allclose(seen.acceleration, now.acceleration, rtol=1e-12)
-    np.testing.assert_allclose(seen.force, scene.slipper.mass * seen.acceleration[:2], rtol=1e-12)
+    weight = scene.slipper.mass * (0.0 if scene.gravity is None else scene.gravity)
+    np.testing.assert_allclose(
+        seen.force, scene.slipper.mass * seen.acceleration[:2] + np.array([0, weight]), rtol=1e-12
+    )
 
 
-BAD = {
-    "`name` must be a word": dict(name="front left"),
-    "`direction` must be a vector, but is zero": dict(direction=(0, 0, 0)),
-    "`direction` must be across the rail for a force": dict(measures="force", direction="x"),
-}
-
-
-@pytest.mark.parametrize("text", BAD)
-def test_bad_sensors_are_refused(text):
-    with pytest.raises(ValueError, match=text):
-        sj.model.Sensor(**{"name": "a"} | BAD[text])
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (dict(name="front left"), "`name` must be a word"),
+        (dict(direction="up"), "`direction` must be one of x, y, z"),
+        (dict(direction=(0, 0, 0)), "`direction` must be a vector, but is zero"),
+        (dict(measures="force", direction="x"), "`direction` must be across the rail for a force"),
+    ],
+)
+def test_bad_sensors_are_refused_in_one_line(arguments, text):
+    with pytest.raises(ValueError, match=text) as error:
+        sj.model.Sensor(**{"name": "a"} | arguments)
+    assert "\n" not in str(error.value)
 
 
 def test_sensors_have_different_names():
@@ -104,3 +118,5 @@ def test_sensors_have_different_names():
     assert Rig.of([one]).names == ("a",)
     with pytest.raises(ValueError, match="different names"):
         Rig.of([one, dataclasses.replace(one, gain=2.0)])
+    with pytest.raises(ValueError, match="a list of slipperjax"):
+        Rig.of([1])

@@ -42,6 +42,9 @@ def operations(function, *args):
     return found
 
 
+# --- one slipper ----------------------------------------------------------------------------------------------------
+
+
 @pytest.mark.full
 @pytest.mark.parametrize("more", [{}, {"gravity": 9.81, "friction": sj.model.Coulomb(0.2)}])
 def test_one_mount_is_a_slipper_to_the_bit_and_to_the_operation(more):
@@ -58,10 +61,47 @@ def test_one_mount_is_a_slipper_to_the_bit_and_to_the_operation(more):
     np.testing.assert_array_equal(loads[0].values, loads[1].values[0])
 
 
-def rail(seed):
-    """A rail of three waves."""
-    sizes = np.array([[2e-4], [2e-4], [1e-3], [1], [1], [1]])
-    return sj.model.FourierTrack([8.0, 3.1, 1.7], *(sizes * np.random.default_rng(seed).normal(size=(6, 3))))
+@pytest.mark.full
+def test_two_slippers_at_one_place_with_half_the_stiffness_are_one():
+    two = with_mounts(PAPER, sj.Mount(rail="left"), sj.Mount(rail="right")).replace(stiffness=0.5e8)
+    one, ours = (sj.simulate(scene, 3, steps_per_period=200, solver="RK4").end for scene in (PAPER, two))
+    scales = sj.model.MOTION_SCALES
+    apart = jax.tree.map(lambda a, b, scale: abs(a - b) / scale, one.motion, ours.motion, scales)
+    assert max(jax.tree.leaves(apart)) < 1e-12  # measured 1e-13
+
+
+def rail(sign, seed):
+    """A rail of three waves, mirrored with a sign of -1."""
+    lateral, vertical, roll, *phases = np.random.default_rng(seed).normal(size=(6, 3))
+    phases = dict(zip(("lateral_phase", "vertical_phase", "roll_phase"), phases, strict=True))
+    lateral, vertical, roll = 2e-4 * sign * lateral, 2e-4 * vertical, 1e-3 * sign * roll
+    return sj.model.FourierTrack([8.0, 3.1, 1.7], lateral, vertical, roll, **phases)
+
+
+@pytest.mark.full
+def test_mirrored_rails_mirror_the_motion():
+    scene = dataclasses.replace(SPRINGS, contact=PAPER.contact, speed=300.0)
+    start = sj.Motion(v_y=0.1, v_z=-0.2, w_x=0.1, w_z=0.05)
+    mirrored = sj.Motion(v_y=-0.1, v_z=-0.2, w_x=-0.1, w_z=-0.05)
+    pair, image = sj.model.TwoRails(rail(1, 1), rail(1, 2)), sj.model.TwoRails(rail(-1, 2), rail(-1, 1))
+    run = lambda track, start: sj.simulate(
+        dataclasses.replace(scene, track=track), 2, start=start, steps_per_period=400
+    )
+    one, other = run(pair, start), run(image, mirrored)
+    flipped = {"y", "v_y", "q_x", "w_x", "q_z", "w_z"}
+    for name in flipped | {"z", "q_y", "v_z", "w_y"}:
+        sign = -1 if name in flipped else 1
+        ours, theirs = (np.asarray(getattr(motion.state.motion, name)) for motion in (one, other))
+        # measured 2e-14 of the greatest
+        np.testing.assert_allclose(ours, sign * theirs, atol=1e-11 * np.abs(ours).max(), err_msg=name)
+    forces = [motion.ds["peak_force"] for motion in (one, other)]
+    # point A on the left is J on the right
+    again = forces[1].values[[2, 3, 0, 1], :, ::-1]
+    np.testing.assert_allclose(forces[0].values, again, rtol=1e-9)  # measured 2e-13
+    assert len(np.unique(np.round(forces[0].max(("end", "point")).values))) == 4
+
+
+# --- closed forms ---------------------------------------------------------------------------------------------------
 
 
 def rates_of(scene):
@@ -117,9 +157,13 @@ def test_slippers_share_the_weight_by_their_levers():
     sled = dataclasses.replace(SLED, mounts=mounts)
     scene = dataclasses.replace(SPRINGS, slipper=sled)
     force = sj.model.reactions(0.0, sj.initial_state(scene, sj.AtRest()), sj.model.Args(scene)).contact_force
-    # of three slippers balance decides: of forces, and of moments about both axes
-    balance = np.array([[1.0, 1.0, 1.0], [1.0, -0.5, 0.2], [0.9, 0.9, -0.9]])
-    np.testing.assert_allclose(balance @ sled.static_shares, [1.0, 0.0, 0.0], atol=1e-12)
+    # of three slippers balance decides: half on the right, the left half by levers about the right one's place
+    shares = np.array([0.1 / 1.5 + 0.1, 0.0, 0.5])
+    shares[1] = 0.5 - shares[0]
+    found = np.asarray(sled.static_shares)
+    np.testing.assert_allclose(found @ [1.0, 1.0, 1.0], 1.0)
+    np.testing.assert_allclose(found @ [1.0, -0.5, 0.2], 0.0, atol=1e-12)
+    np.testing.assert_allclose(sled.static_shares[2], 0.5)
     # measured 4.3e-3: within a slipper, forces have their centre off its middle
     np.testing.assert_allclose(np.asarray(force).sum((1, 2)) / WEIGHT, sled.static_shares, atol=6e-3)
     np.testing.assert_allclose(SLED.static_shares, 0.25)
@@ -129,8 +173,14 @@ def test_slippers_share_the_weight_by_their_levers():
 def test_a_beam_sags_between_its_slippers():
     """Beside Euler and Bernoulli's static deflection of a uniform beam on two supports."""
     a, length, stiffness = 1.2, 4.0, 1e5
-    beam = dict(mass=400.0, length=length, stiffness=(1e12, stiffness), count=60)
-    modes = sj.model.Modes.beam([x for x, *_ in CORNERS], **beam, places=[[0.0, 0.0, 0.0], [1.2, 0.0, 0.0]])
+    modes = sj.model.Modes.beam(
+        [x for x, *_ in CORNERS],
+        mass=400.0,
+        length=length,
+        stiffness=(1e12, stiffness),
+        count=60,
+        places=[[0.0, 0.0, 0.0], [1.2, 0.0, 0.0]],
+    )
     scene = dataclasses.replace(SPRINGS, slipper=dataclasses.replace(SLED, modes=modes))
     bent = sj.initial_state(scene, sj.AtRest()).motion.modes.coordinate
     middle, support = np.einsum("m,mpk->pk", np.asarray(bent), np.asarray(modes.place_shapes))[:, 2]
@@ -171,6 +221,9 @@ def test_wheelbases_filter_waves():
         expected = np.abs(np.sin(2 * np.pi * a / length) / np.sin(2 * np.pi * a / 7.0))
         np.testing.assert_allclose(pitch / pitches[7.0], expected, atol=2e-3)
     assert pitches[2 * a] < 1e-3 * pitches[7.0]
+
+
+# --- elastic modes --------------------------------------------------------------------------------------------------
 
 
 def test_beams_have_the_modes_of_textbooks():
@@ -214,11 +267,29 @@ def test_elastic_sleds_keep_their_energy(solver):
 
 
 @pytest.mark.full
+def test_states_with_modes_are_rows_and_come_back():
+    rigid = sj.initial_state(SPRINGS, sj.AtRest())
+    assert rigid.motion.modes is None
+    assert sj.model.StateLayout.of(SPRINGS).size == 10
+    scene = dataclasses.replace(SPRINGS, slipper=ELASTIC, contact=PAPER.contact)
+    state = sj.initial_state(scene, sj.AtRest(v_z=0.1))
+    layout = sj.model.StateLayout.of(scene)
+    again = layout.unpack(layout.pack(state))
+    for one, other in zip(*map(jax.tree.leaves, (again, state)), strict=True):
+        np.testing.assert_array_equal(one, other)
+    names = [q.name for q in layout.numbers]
+    assert names[10:12] == ["mode_1", "mode_2"]
+    assert (names[14], names[18]) == ("mode_rate_1", "memory_left1_A1")
+    with pytest.raises(ValueError, match="explicit one for a scene with a sled on springs or elastic modes"):
+        sj.simulate(scene, 1, solver="Rodas4", steps_per_period=10)
+
+
+@pytest.mark.full
 def test_derivatives_in_both_modes():
     """By places of mounts, a mode's damping and the play, against central differences."""
     names = ("slipper.mounts.0.x", "slipper.mounts.1.z", "slipper.modes.damping.0", "clearance")
     damped = dataclasses.replace(ELASTIC, modes=dataclasses.replace(BEAM, damping=[0.01] * 4))
-    track = sj.model.TwoRails(rail(1), rail(2))
+    track = sj.model.TwoRails(rail(1, 1), rail(1, 2))
     scene = dataclasses.replace(SPRINGS, slipper=damped, contact=PAPER.contact, track=track, speed=300.0)
     state = sj.initial_state(scene, sj.Motion(v_z=-0.2))
 
@@ -234,15 +305,23 @@ def test_derivatives_in_both_modes():
         np.testing.assert_allclose(slope, difference, rtol=1e-4)
 
 
+# --- bad input ------------------------------------------------------------------------------------------------------
+
+
 OVERLAP = "`mounts` must not overlap on a rail, but is slipper1 and"
-FAR = r"must be within their play, 0\.0005 m, of the rails, whose gauge is 1\.5 m, but is left1 at y = 0\.9 m"
+FAR_FROM_RAILS = (
+    r"must be within their play, 0\.0005 m, of the rails, whose gauge is 1\.5 m, but is left1 at y = 0\.9 m"
+)
 BAD = {
     OVERLAP: lambda: with_mounts(PAPER, sj.Mount(0.1), sj.Mount(0.0)),
+    "`mounts` must be one slipperjax.Mount": lambda: sj.Sled(**BODY, mounts=[]),
     "`track` must be one rail for a Slipper": lambda: dataclasses.replace(SPRINGS, slipper=PAPER.slipper),
     "`mounts` must be on the rails left, right": lambda: with_mounts(SPRINGS, sj.Mount(rail="centre")),
-    FAR: lambda: dataclasses.replace(SPRINGS, track=dataclasses.replace(LEVEL, gauge=1.5)),
+    FAR_FROM_RAILS: lambda: dataclasses.replace(SPRINGS, track=dataclasses.replace(LEVEL, gauge=1.5)),
     "`mounts` must be on the side of their rail": lambda: with_mounts(SPRINGS, sj.Mount(y=-1.0, rail="left")),
     "`modes` must have shapes at each of the 4 mounts, but has shapes at 3": lambda: sled_on(modes=modes_at(3)),
+    "`frequency` must rise from mode to mode": lambda: sj.model.Modes([40.0, 30.0], [0.01] * 2, np.zeros((2, 4, 3))),
+    "`inertia` must be positive": lambda: sled_on(inertia=(0.0, 1.0, 1.0)),
     "`damping` must have one value per mode": lambda: sj.model.Modes([40.0], [0.01, 0.02], np.zeros((1, 4, 3))),
 }
 

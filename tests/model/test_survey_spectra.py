@@ -97,26 +97,36 @@ def test_lines_have_their_wavelengths_amplitudes_and_phases():
     assert steepest[0] > steepest[1]
 
 
-def test_rails_survive_files_and_lie_where_the_survey_does_or_as_said():
-    assert (alike().bounds, alike().ends) == ((FIRST, FIRST + LENGTH), "error")
-    longer = sj.RandomTrack.like(SURVEY, length=3000.0, seed=4)
-    assert longer.bounds == (FIRST, FIRST + 3000.0)
-    scene = dataclasses.replace(sj.paper_scene(), track=longer)
-    assert eqx.tree_equal(scene_from_json(scene_to_json(scene)), scene)
-    assert eqx.tree_equal(scene_from_toml(scene.to_toml()).scene, scene)
-    assert sj.RandomTrack.like(SURVEY, lines=None).lines is None
+@pytest.mark.full
+def test_joints_keep_their_shape_in_every_seed():
+    """The mean over the joints of each rail is the shape of one, in waves of three samples and longer."""
+    joints = sj.model.LocalTrack(place=[0.66], height=[-3e-4], length=0.6, shape="joint", every=1.32)
+    like = sj.RandomTrack.like(made(joints), ends="error")
+    across = 1.32 * np.arange(64) / 64
+    harmonics = np.fft.rfft(irregularity_of(joints, across).vertical)
+    harmonics[0] = 0.0
+    harmonics[5:] = 0.0
+    exact = np.fft.irfft(harmonics)
+    places = FIRST + (1.32 * np.arange(600))[:, None] + across
+    for seed in (1, 2):
+        shape = np.mean(irregularity_of(dataclasses.replace(like, seed=seed), places).vertical, axis=0)
+        # of 0.26 mm
+        np.testing.assert_allclose(shape - shape.mean(), exact, atol=1e-5)  # measured 3.6e-6
 
 
 @pytest.mark.full
-def test_rails_go_on_as_the_survey_does():
+def test_rails_lie_where_the_survey_does_and_go_on_as_it_does():
+    assert alike().bounds == (FIRST, FIRST + LENGTH)
+    assert alike().ends == "error"
     for ends, ramp in (("straight", 5.0), ("repeat", 6.0)):
         with pytest.warns(sj.ImplausibleWarning) if ends == "repeat" else contextlib.nullcontext():
             survey = made(ends=ends, ramp=ramp)
         like = sj.RandomTrack.like(survey)
         both = sj.model.TrackSet([survey, like, dataclasses.replace(like, seed=2)], 1)
         places = FIRST + np.linspace(-5.0, LENGTH + 5.0, 997)
-        # measured 2.5e-16
-        assert largest(irregularity_of(both, places)[:2], irregularity_of(like, places)[:2]) < 1e-15
+        assert (
+            largest(irregularity_of(both, places)[:2], irregularity_of(like, places)[:2]) < 1e-15
+        )  # measured 2.5e-16
         assert eqx.tree_equal(like.ramp, survey.ramp) == (ends == "straight")
     # lines fit into a rail that repeats, so that nothing jumps where it begins again
     around = np.asarray(irregularity_of(like, FIRST + np.array([-0.01, 0.0, 0.01, LENGTH, LENGTH + 0.01])).vertical)
@@ -126,8 +136,23 @@ def test_rails_go_on_as_the_survey_does():
     np.testing.assert_allclose(counts, np.round(counts), atol=1e-9)
 
 
-def test_what_shows_no_spectrum_is_refused():
-    with pytest.raises(
-        ValueError, match="`survey` must have 256 samples or more, which show a spectrum, but has 201"
-    ):
-        sj.RandomTrack.like(made(length=20.0))
+def test_other_lengths_and_files():
+    longer = sj.RandomTrack.like(SURVEY, length=3000.0, seed=4)
+    assert longer.bounds == (FIRST, FIRST + 3000.0)
+    scene = dataclasses.replace(sj.paper_scene(), track=longer)
+    assert eqx.tree_equal(scene_from_json(scene_to_json(scene)), scene)
+    assert eqx.tree_equal(scene_from_toml(scene.to_toml()).scene, scene)
+    without = sj.RandomTrack.like(SURVEY, lines=None)
+    assert without.lines is None
+
+
+@pytest.mark.parametrize(
+    ("survey", "words"),
+    [
+        (sj.RandomTrack.sled(), "`survey` must be a rail of samples such as slipperjax.load_rail returns"),
+        (made(length=20.0), "`survey` must have 256 samples or more, which show a spectrum, but has 201"),
+    ],
+)
+def test_what_shows_no_spectrum_is_refused(survey, words):
+    with pytest.raises(ValueError, match=words):
+        sj.RandomTrack.like(survey)

@@ -3,6 +3,7 @@
 import dataclasses
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -72,8 +73,10 @@ def test_an_own_track_gets_the_steps_of_its_slope():
 TRACKS = {
     "one wave": (sj.HarmonicTrack((8.0,), 1e-3), 8, 2 * np.pi / 8000, 8.0),
     "two waves": (sj.HarmonicTrack((10.0, 12.0), 1e-3), 60, 2 * np.pi * (1 / 10 + 1 / 12) / 1000, 10.0),
+    "a divisor": (sj.HarmonicTrack((8.0, 2.0), 1e-3), 8, 2 * np.pi * (1 / 8 + 1 / 2) / 1000, 2.0),
     "no ratio": (sj.HarmonicTrack((8.0, 5.0001), 1e-3), np.inf, 2 * np.pi * (1 / 8 + 1 / 5.0001) / 1000, 5.0001),
     "straight": (sj.model.StraightTrack(), 0, 0.0, 8.0),
+    "a user's": (SineTrack(), 8, 2 * np.pi / 8000, 8.0),
     "a rising one": (Rising(), np.inf, 1e-3, 8.0),
 }
 
@@ -92,8 +95,10 @@ def test_tracks_say_whether_they_recur_how_steep_and_how_short_they_are(name):
 
 
 def test_short_waves_get_more_steps():
-    scenes = [sj.paper_scene(wavelengths=(8.0, 8.0 / ratio), amplitude=1e-4) for ratio in (1, 4, 16)]
-    assert list(map(sj.model.default_steps_per_period, scenes)) == [40, 40, 160]
+    short = lambda ratio: sj.model.default_steps_per_period(
+        sj.paper_scene(wavelengths=(8.0, 8.0 / ratio), amplitude=1e-4)
+    )
+    assert [short(ratio) for ratio in (1, 4, 16)] == [40, 40, 160]
 
 
 def test_waves_shorter_than_the_slipper_are_said():
@@ -114,9 +119,10 @@ def test_short_waves_get_more_steps_where_impacts_are_damped():
     """See `slipperjax.model.step_size.damped_waves`."""
     sine = sj.paper_scene(1000.0)
     rail = dataclasses.replace(sine, track=sj.RandomTrack.sled(length=200.0))
-    of = lambda scene, restitution: sj.model.default_steps_per_period(scene.replace(restitution=restitution))
-    steps = [[of(scene, restitution) for restitution in (0.9, 0.7, 0.5, 0.3)] for scene in (rail, sine)]
-    assert steps == [[120, 200, 320, 480], [40, 40, 40, 80]]
+    steps = lambda scene: [
+        sj.model.default_steps_per_period(scene.replace(restitution=r)) for r in (0.9, 0.7, 0.5, 0.3)
+    ]
+    assert (steps(rail), steps(sine)) == ([120, 200, 320, 480], [40, 40, 40, 80])
 
 
 def test_default_steps_are_there_for_every_law():
@@ -126,6 +132,24 @@ def test_default_steps_are_there_for_every_law():
     assert of(sj.model.HertzSpring(1e8)) == 40
     assert of(sj.model.ConstantDamping(1e8, 0.5)) == 40
     assert of(sj.model.ConstantDamping(1e8, 10.0)) > 40  # its damping force is seven times the elastic one
+
+
+@pytest.mark.full
+def test_lateral_and_vertical_are_separate():
+    """Gaps change by the rail's displacement along the normals."""
+    scene = scene_with(SineTrack())
+    state = sj.initial_state(scene, sj.Motion(z=5e-4))
+    normals, seen = np.asarray(scene.section.normals), []
+    gaps = sj.jit(lambda t: sj.model.reactions(t, state, sj.model.Args(scene)).gap)
+    for t, shift in ((0.0, (0.0, 5e-4)), (0.25, (1e-3, 0.0)), (0.5, (0.0, -5e-4))):
+        here = irregularity_of(scene.track, np.array(8.0 * t))
+        np.testing.assert_allclose((here.lateral, here.vertical), shift, atol=1e-15)
+        # of the front; the rear is 0.2 m behind
+        seen.append(np.asarray(gaps(t))[0] + normals @ shift)
+    np.testing.assert_allclose(seen, [seen[0]] * 3, atol=1e-6)
+    assert np.all(
+        np.isfinite(jax.tree.leaves(sj.model.vector_field(scene).evaluate(0.0, state, sj.model.Args(scene)).motion))
+    )
 
 
 @pytest.mark.full

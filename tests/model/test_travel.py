@@ -18,8 +18,10 @@ def test_rates_and_reactions_are_those_of_a_constant_speed_there(memory):
     scene = dataclasses.replace(sj.paper_scene(memory=memory), speed=faster)
     start, args = sj.initial_state(scene, sj.Motion(z=-8e-4, v_z=-0.5)), sj.model.Args(scene, 3.0)
     there = sj.paper_scene(float(scene.travel(3.25).speed), memory=memory)
-    rates_of = lambda s: sj.model.vector_field(s).evaluate(0.25, start, sj.model.Args(s, 3.0)).motion
-    rates = [jax.tree.leaves(rates_of(s)) for s in (scene, there)]
+    rates = [
+        jax.tree.leaves(sj.model.vector_field(s).evaluate(0.25, start, sj.model.Args(s, 3.0)).motion)
+        for s in (scene, there)
+    ]
     np.testing.assert_allclose(*rates, rtol=1e-12)
     forces = [sj.model.reactions(0.25, start, a).contact_force for a in (args, args._replace(scene=there))]
     assert np.max(forces[0]) > 0
@@ -68,20 +70,25 @@ def test_what_stands_still_is_passed_at_the_least_speed():
     time = np.array([2.0, 2.6, 4.6, 6.6, 7.6, 8.6, 9.6])
     speed = np.array([-0.02, 0.0, 200.0, 0.0, 0.0, 20.0, 0.0])
     programme = sj.SpeedProgramme.over_time(time, speed)
+    ends = [0.0, 200.0, 400.0, 410.0, 420.0]
     # 1 m/s is reached after 5 mm at 100 m/s^2, and 25 mm at 20 m/s^2
     places = [0.0, 0.005, 200.0, 400.0 - 0.005, 400.025, 410.0, 420.0 - 0.025, 420.0]
     np.testing.assert_allclose(programme.distance, places, rtol=1e-12)
     np.testing.assert_allclose(programme.speed, [1.0, 1.0, 200.0, 1.0, 1.0, 20.0, 1.0, 1.0], rtol=1e-12)
     # times are those of the history, also beside the pause
-    passed = programme.seconds(np.array([0.0, 0.005, 200.0, 400.025, 420.0]))
-    np.testing.assert_allclose(passed, [2.0, 2.61, 4.6, 7.65, 9.6])
+    np.testing.assert_allclose(
+        programme.seconds(np.array([0.0, 0.005, 200.0, 400.025, 420.0])), [2.0, 2.61, 4.6, 7.65, 9.6]
+    )
     halfway = 0.5 * 100.0 * 1.0**2
     np.testing.assert_allclose(programme.seconds(halfway), 3.6, rtol=1e-12)
-    # beyond a stop it stands for ever, and before a standstill, too
-    stretches = np.array(
-        [(0, 1), (1, 399), (399, 400), (399.999, 401), (400.5, 419), (419, 420), (-5, -4), (425, 426)]
+    stands = programme.stands(
+        np.array([0.0, 1.0, 399.0, 399.999, 400.5, 419.0]), np.array([1.0, 399.0, 400.0, 401.0, 419.0, 420.0])
     )
-    assert programme.stands(*stretches.T).tolist() == [True, False, True, True, False, True, True, True]
+    assert stands.tolist() == [True, False, True, True, False, True]
+    # beyond a stop it stands for ever, and before a standstill, too
+    assert programme.stands(np.array([-5.0, 425.0]), np.array([-4.0, 426.0])).tolist() == [True, True]
+    assert not np.any(PROGRAMME.stands(np.array([-5.0]), np.array([9999.0])))
+    assert programme.least(ends[0], ends[-1]) == 1.0
     # the same speeds by their places, and by stages
     by_place = sj.SpeedProgramme.over_distance([0.0, 200.0, 400.0], [0.0, 200.0, 0.0])
     by_stage = sj.SpeedProgramme.stages([sj.Stage(100.0, speed=200.0), sj.Stage(-100.0, length=200.0)], start=0.0)
@@ -96,7 +103,7 @@ DIP = sj.SpeedProgramme.over_distance([0.0, 800.0, 816.0, 824.0, 840.0], [1000.0
 """Braked to 50 m/s for one forcing period, the 103rd."""
 
 
-@pytest.mark.parametrize("programme", [PROGRAMME, dataclasses.replace(DIP, scale=1.3)])
+@pytest.mark.parametrize("programme", [PROGRAMME, DIP, dataclasses.replace(DIP, scale=1.3)])
 def test_the_least_speed_of_a_stretch_is_that_of_all_its_places(programme):
     rng, far = np.random.default_rng(0), float(programme.distance[-1]) * 1.2
     stretches = [(0.0, 8.0), (-50.0, far), (790.0, 850.0), (818.0, 820.0), *np.sort(rng.uniform(-50, far, (20, 2)))]
@@ -108,7 +115,7 @@ def test_the_least_speed_of_a_stretch_is_that_of_all_its_places(programme):
         np.testing.assert_allclose(exact, least, rtol=2e-2)
 
 
-@pytest.mark.parametrize("place", [804.0, 820.0, 2000.0])
+@pytest.mark.parametrize("place", [0.0, 640.0, 804.0, 820.0, 2000.0])
 def test_starts_are_judged_by_the_speed_at_their_place(place):
     scene = dataclasses.replace(sj.paper_scene(), speed=DIP)
     there = sj.paper_scene(speed=float(DIP.at(place)))
@@ -141,11 +148,15 @@ def over_time(*columns):
 NOISE = "`speed` must not be below -1 m/s, which is noise, but is -3 m/s at time 0 s"
 TWICE = [0.0, 1.0, 2.0], [0.0, 0.0, 9.0]
 BAD = {
+    "Argument `speed` must be positive, but is 0": lambda: sj.SpeedProgramme([0.0, 1.0], [0.0, 2.0]),
     "`speed` must not be zero at two": lambda: sj.SpeedProgramme.over_distance(*TWICE),
+    "`speed` must reach 1 m/s": over_time([0.0, 1.0], [0.0, 0.5]),
     NOISE: over_time([0.0, 1.0], [-3.0, 6.0]),
+    "`speed` must have one value for each of two or more": over_time([0.0, 1.0], [6.0]),
     "`stages` must have a length, a duration or a speed each": stages(sj.Stage(9.0)),
     "`stages` must reach their speed from 50 m/s": stages(sj.Stage(-9.0, speed=90.0)),
     "must go on to their ends from 50 m/s, and not stop before": stages(sj.Stage(-90.0, length=99.0)),
+    "`stages` must go on to their ends from 0 m/s": stages(sj.Stage(0.0, length=9.0), start=0.0),
     "`stages` must not turn back from 50 m/s": stages(sj.Stage(-10.0, duration=9.0)),
 }
 
@@ -167,6 +178,16 @@ def test_free_flight_takes_the_time_of_a_programme(solver):
     np.testing.assert_allclose(run.end.motion.y, 0.1 * seconds, rtol=1e-6 if solver == "TwoStep" else 1e-12)
     with pytest.raises(ValueError, match="Argument `scene` must have a constant speed"):
         sj.periodic_orbit(scene)
+
+
+@pytest.mark.full
+def test_a_sled_is_driven_by_its_mass_times_the_acceleration():
+    scene = dataclasses.replace(sj.paper_scene(clearance=30e-3), track=sj.model.StraightTrack(), speed=PROGRAMME)
+    args, state = sj.model.Args(scene, 10.0), sj.initial_state(scene, sj.Motion())
+    assert float(sj.model.reactions(0.5, state, args).drive_force) == pytest.approx(14.0 * 200.0, rel=1e-12)
+    drag = dataclasses.replace(scene, load=sj.model.AppliedLoad(force_by_square=[-0.02, 0.0, 0.0]))
+    force = float(sj.model.reactions(0.5, state, sj.model.Args(drag, 10.0)).drive_force)
+    assert force == pytest.approx(14.0 * 200.0 + 0.02 * (50.0**2 + 400.0 * 84.0), rel=1e-12)
 
 
 def test_bad_programmes_in_files_name_the_line(tmp_path):

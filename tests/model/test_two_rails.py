@@ -48,6 +48,10 @@ def test_taken_as_one_two_rails_are_the_line_in_their_middle():
     assert float(track.wavelength) == 8.0
     # a sine of 1 mm and 8 m is steeper than those of 0.2 mm
     np.testing.assert_allclose(facts_of(track), [24.0, 2 * np.pi * 1e-3 / 8, 6.0], rtol=1e-12)
+    assert repr(track).endswith(", gauge=1.4 m)")
+    for wrong in (1e-3, track):
+        with pytest.raises(ValueError, match=r"`right` must be (a track such as|one rail, but is TwoRails)"):
+            sj.model.TwoRails(LEFT, wrong)
 
 
 def sampled(begin, end, ends="straight"):
@@ -60,24 +64,36 @@ def test_two_rails_are_known_where_both_are():
     assert (track.begin, track.origin, track.extent, track.end) == (10.0, 10.0, 70.0, 90.0)
     assert sj.model.TwoRails(LEFT, sampled(0.0, 70.0)).extent == 70.0
     assert sj.model.TwoRails(LEFT, RIGHT).end == np.inf
-    ended = sj.model.TwoRails(sampled(10.0, 90.0, "error"), sampled(0.0, 70.0, "error"))
-    with pytest.raises(ValueError, match=r"`periods` must be at most 7 here.* because the rail ends at 70 m"):
-        check_rail(on(ended), 8, 10.0)
+    for ends, words in (
+        ("straight", r"leads to 74\.5 m, but the rail is known up to 70 m only"),
+        ("error", r"`periods` must be at most 7 here.* because the rail ends at 70 m"),
+    ):
+        with pytest.raises((ValueError, sj.ImplausibleWarning), match=words):
+            check_rail(on(sj.model.TwoRails(sampled(10.0, 90.0, ends), sampled(0.0, 70.0, ends))), 8, 10.0)
 
 
 def test_a_sum_adds_to_each_rail():
     joints = sj.model.LocalTrack(place=[1.0], height=[-3e-4], length=0.3, shape="joint", every=4.0)
     pair = sj.model.TwoRails(LEFT, RIGHT, gauge=1.4)
-    for track in (sj.model.SumTrack(joints, pair), sj.model.SumTrack(pair, joints).prepared()):
+    for track in (
+        sj.model.SumTrack(pair, joints),
+        sj.model.SumTrack(joints, pair),
+        sj.model.SumTrack(pair, joints).prepared(),
+    ):
         assert float(track.gauge) == 1.4
         for name, rail in pair.rails.items():
             apart = [at(part).vertical for part in (rail, joints)]
             # of one addition in two orders
             np.testing.assert_allclose(at(track.rails[name]).vertical, sum(apart), atol=1e-18)
+    twice = sj.model.SumTrack(pair, pair)
+    assert largest(at(twice.rails["right"]), at(sj.model.SumTrack(RIGHT, RIGHT))) == 0.0
+    assert sj.model.SumTrack(LEFT, joints).rails == {}
 
 
 PAIRS = {
     "harmonic": sj.model.TwoRails(LEFT, RIGHT, gauge=1.4),
+    "of kinds": sj.model.TwoRails(sampled(0.0, 70.0), SLED),
+    "random": PAIR,
     "of two spectra": sj.model.RandomRails(SLED, 0.0, right_rail=dataclasses.replace(SLED, roughness=2.0)),
     "set": sj.model.TrackSet([PAIR, sj.model.TwoRails(sampled(0.0, 70.0), sampled(0.0, 60.0), gauge=1.2)], 1),
     "sum": sj.model.SumTrack(sj.model.TwoRails(LEFT, RIGHT), RIGHT),
@@ -161,6 +177,11 @@ def test_pairs_have_their_coherence_and_their_spectra(case):
         found = coherence_of(one, other)
         assert found.real == pytest.approx(exact, **within)  # measured 2.8e-3 and less
         assert found.imag == pytest.approx(0.0, **within)  # measured 6.7e-3 and less
+    # magnitude squared at each wavenumber, less its bias for independent waves, of 400 pairs
+    cross = np.mean(np.conj(vertical[0]) * vertical[1], axis=0)
+    powers = [np.mean(np.abs(waves) ** 2, axis=0) for waves in vertical]
+    squared = np.mean(np.abs(cross) ** 2 / (powers[0] * powers[1]))
+    assert squared - (1 - coherence) ** 2 / COUNT == pytest.approx(coherence, abs=0.006)  # measured 3e-4
     # each rail alone has its spectrum: 2 * 400 degrees of freedom, standard deviation 0.05 at each wavenumber
     for direction in (lateral, vertical):
         for waves, roughness in zip(direction, (1.0, 1.5), strict=True):
@@ -180,26 +201,38 @@ def test_a_number_chooses_one_of_several_pairs():
         for name, rail in pair.rails.items():
             assert largest(at(chosen.prepared().rails[name]), at(rail)) < 1e-15
         assert largest(at(chosen), at(pair)) < 1e-15
+    again = sj.model.TrackSet(
+        [sj.model.TwoRails(sampled(0.0, 70.0), sampled(0.0, 60.0)), sj.model.TwoRails(sampled(5.0, 70.0), SLED)]
+    )
+    assert (again.begin, again.extent) == (5.0, 60.0)
 
 
-pairs_of = lambda *tracks: lambda: sj.model.TrackSet((PAIR, *tracks))
-random_pair = lambda **changed: lambda: sj.model.RandomRails(**dict(rail=SLED, coherence=0.5) | changed)
-WRONG = {
-    "`right` must be a track such as": lambda: sj.model.TwoRails(LEFT, 1e-3),
-    "`right` must be one rail, but is TwoRails": lambda: sj.model.TwoRails(LEFT, PAIRS["harmonic"]),
-    "`tracks` must be single rails or pairs of rails": pairs_of(SLED),
-    "`tracks` must have one gauge": pairs_of(dataclasses.replace(PAIR, gauge=None)),
-    "`tracks` must be rails such as": pairs_of(sj.model.TwoRails(LEFT, RIGHT, gauge=1.2)),
-    "`coherence` must be from 0 to 1, but is 1.1": random_pair(coherence=1.1),
-    "`rail` must have the seed 0, because that of": random_pair(rail=dataclasses.replace(SLED, seed=4)),
-    "`right_rail` must have the band, length, beg": random_pair(right_rail=sj.RandomTrack.sled(length=400.0)),
+WRONG_SETS = {
+    "be single rails or pairs of rails": SLED,
+    "have one gauge": dataclasses.replace(PAIR, gauge=None),
+    "be rails such as": sj.model.TwoRails(LEFT, RIGHT, gauge=1.2),
+    "have the same ends": sj.model.TwoRails(sampled(0.0, 70.0, "error"), SLED, gauge=1.2),
 }
 
 
-@pytest.mark.parametrize("words", WRONG)
-def test_wrong_pairs_and_sets_are_named(words):
+def test_sets_of_rails_that_differ_too_much_are_refused():
+    for words, other in WRONG_SETS.items():
+        with pytest.raises(ValueError, match=f"`tracks` must {words}"):
+            sj.model.TrackSet((PAIR, other))
+
+
+WRONG_PAIRS = {
+    "`coherence` must be from 0 to 1, but is 1.1": dict(coherence=1.1),
+    "`rail` must have the seed 0, because that of the pair counts": dict(rail=dataclasses.replace(SLED, seed=4)),
+    "`right_rail` must have the band, length, beginning": dict(right_rail=sj.RandomTrack.sled(length=400.0)),
+    "`seed` must be a whole number": dict(seed=0.5),
+}
+
+
+@pytest.mark.parametrize("words", WRONG_PAIRS)
+def test_wrong_pairs_are_named(words):
     with pytest.raises(ValueError, match=words):
-        WRONG[words]()
+        sj.model.RandomRails(**(dict(rail=SLED, coherence=0.5) | WRONG_PAIRS[words]))
 
 
 SPACING = 0.1
@@ -228,8 +261,10 @@ def test_rails_like_a_survey_have_the_coherence_of_its_rails():
     found = [float(sj.model.RandomRails.like(surveyed(seed)).coherence) for seed in range(6)]
     # a correlation of r over n numbers scatters by (1 - r^2) / sqrt(n): 0.36 / sqrt(2667) in a survey
     assert np.mean(found) == pytest.approx(0.64, abs=0.01)  # measured 0.639
-    left = surveyed(0).left
-    opposite = sj.model.TwoRails(left, sj.model.SampledTrack(SAMPLES, -left.lateral, 0.0, ends="error"))
+    opposite = surveyed(0)
+    opposite = sj.model.TwoRails(
+        opposite.left, sj.model.SampledTrack(SAMPLES, -opposite.left.lateral, 0.0, ends="error")
+    )
     assert float(sj.model.RandomRails.like(opposite).coherence) == 0.0
 
 
@@ -241,6 +276,12 @@ def test_rails_like_a_survey_are_each_like_its_own():
     assert like.rail.lines is None
     np.testing.assert_allclose(like.right_rail.lines.wavelengths, [1.32], rtol=1e-3)  # measured 9e-5
     assert (float(like.gauge), float(like.seed), like.extent, like.end) == (1.4, 7.0, 500.0, 500.0)
+    for wrong, words in (
+        (survey.left, "be two rails such as"),
+        (sj.model.TwoRails(LEFT, RIGHT), "be a rail of samples"),
+    ):
+        with pytest.raises(ValueError, match=f"`survey` must {words}"):
+            sj.model.RandomRails.like(wrong)
     shifted = sj.model.SampledTrack(SAMPLES + 1.0, survey.right.lateral, 0.0, ends="error")
     with pytest.raises(ValueError, match="`survey` must have samples at the same distances on both rails"):
         sj.model.RandomRails.like(sj.model.TwoRails(survey.left, shifted))
@@ -284,11 +325,17 @@ def test_both_rails_are_read_from_one_file(tmp_path):
     assert same(track)
     assert (track.gauge, track.distance_unit, track.ramp, track.extent) == (1.2, "m", 8.0, 60.0)
     assert repr(track).endswith(", gauge=1.2 m)")
-    # other names
-    path = written(tmp_path)
-    names = "Chainage [m], LEFT_LATERAL [mm], left z [mm], Right y [mm], right_vertical [mm]"
-    path.write_text(path.read_text().replace(HEADER, names))
-    assert same(sj.load_rail(path))
+    # other names, other orders, and units in a line of their own
+    names = "distance, left lateral, left vertical, right lateral, right vertical"
+    for header in (
+        "Chainage [m], LEFT_LATERAL [mm], left z [mm], Right y [mm], right_vertical [mm]",
+        f"{names}\nm, mm, mm, mm, mm",
+    ):
+        path = written(tmp_path)
+        path.write_text(path.read_text().replace(HEADER, header))
+        assert same(sj.load_rail(path))
+    turned = "distance [m], right vertical [mm], right lateral [mm], left vertical [mm], left lateral [mm]"
+    assert same(sj.load_rail(written(tmp_path, turned)))
     # a rail without roll beside one that rolls does not roll, and what is not given is zero
     roll = "distance [m], left vertical [mm], right lateral [mm], right roll [mrad]"
     columns = [DISTANCE, *(1e3 * WAVES[n] for n in ("left vertical", "right lateral")), DISTANCE]
@@ -298,10 +345,11 @@ def test_both_rails_are_read_from_one_file(tmp_path):
     np.testing.assert_allclose(track.right.roll, 1e-3 * DISTANCE, rtol=1e-12)
 
 
-def test_both_rails_are_read_from_netcdf_files(tmp_path):
+@pytest.mark.parametrize("engine", ["h5netcdf", "scipy"])
+def test_both_rails_are_read_from_netcdf_files(tmp_path, engine):
     variables = {name.replace(" ", "_"): ("sample", values, {"units": "m"}) for name, values in WAVES.items()}
     ds = xr.Dataset({"distance": ("sample", DISTANCE / 0.3048, {"units": "ft"}), **variables})
-    ds.to_netcdf(tmp_path / "both.nc", engine="h5netcdf")
+    ds.to_netcdf(tmp_path / "both.nc", engine=engine)
     track = sj.load_rail(tmp_path / "both.nc")
     assert same(track)
     assert track.distance_unit == "ft"
@@ -336,6 +384,7 @@ def test_chords_are_of_both_rails_and_not_of_the_gauge(tmp_path):
     for found, share in ((left.lateral, 1), (left.vertical, 2), (right.lateral, -2), (right.vertical, 0)):
         # measured 4e-6, of the damping that keeps phantom waves and noise small
         np.testing.assert_allclose(found, share * exact, atol=1.2e-5)
+    assert eqx.tree_equal(scene_from_toml(on(track).to_toml()).scene, on(track))
 
 
 def test_scenes_name_the_file_of_both_rails_and_find_its_content_again(tmp_path):
@@ -355,6 +404,23 @@ def test_scenes_name_the_file_of_both_rails_and_find_its_content_again(tmp_path)
     (tmp_path / "scene.toml").write_text(lines.replace(table, table + "speed = 3\n"))
     with pytest.raises(ValueError, match=r"scene\.toml, line \d+: `speed` is none of file, sha256, chord, gauge"):
         _ = sj.load(tmp_path / "scene.toml").scene
+    path.write_text(path.read_text().replace("gauge [mm]", "gauge  [mm]"))
+    with pytest.raises(ValueError, match="`sha256` must be the content with which the scene was made"):
+        scene_from_json(text)
+
+
+def test_all_faults_of_both_rails_are_told_at_once(tmp_path):
+    bad = {(5, 3): "", (9, 4): "loose", (20, 0): 1.0}
+    path = written(tmp_path, HEADER.replace("left vertical [mm]", "left vertical"), change=bad)
+    with pytest.raises(ValueError, match=r"both\.csv has 4 faults:") as told:
+        sj.load_rail(path)
+    for words in (
+        "line 1: 'left vertical' is no name with a unit, such as distance [m], left_lateral [m]",
+        "line 7: `right lateral` has no number",
+        "line 11: `right vertical` must be a number, but is 'loose'",
+        "line 22: distance 1 m does not exceed 4.75 m of line 21",
+    ):
+        assert words in str(told.value)
 
 
 IN_PLACE = "`gauge` stands in place of one rail's lateral, but the file has"
@@ -386,3 +452,5 @@ def test_files_of_one_rail_stay_what_they_are(tmp_path):
         sj.load_rail(path, gauge=1.2)
     with pytest.raises(ValueError, match=r"`file` must be a survey of one rail, .*: slipperjax\.load_rail reads"):
         SurveyedTrack(written(tmp_path, name="two.csv"))
+    with pytest.raises(ValueError, match="must have distance, and lateral or vertical of the left"), pytest.warns():
+        SurveyedRails(path)

@@ -13,10 +13,11 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
+from slipperjax.model.dynamics import phase
 from slipperjax.model.kinematics import contacts, rail_frame
 from slipperjax.model.quantities import COORDINATES
 
-from ..common import LANE, PERIODS, SCALES, cases, elastic_energy, in_lanes, lane_grid, lane_of, lane_scene
+from ..common import LANE, LANES, PERIODS, SCALES, cases, elastic_energy, in_lanes, lane_grid, lane_of, lane_scene
 from ..systems.fields import rebound
 
 STILL = dict(amplitude=0.0, roll_amplitude=0.0)
@@ -162,9 +163,17 @@ def test_without_drive_energy_is_never_gained():
 
 @pytest.mark.slow
 def test_comes_to_rest_however_gently_the_contact_begins():
-    changes = (dict(z=-5e-4), dict(z=-5e-4, v_z=-1e-9), dict(z=-5e-4, v_z=1e-6), dict(z=-5e-4, w_x=1e-6))
-    changes += (dict(clearance=0.0), dict(clearance=0.0, restitution=0.1), dict(clearance=0.0, stiffness=1e12))
-    lanes = [STILL | LEVEL | dict(gravity=9.81) | change for change in changes]
+    touching = STILL | LEVEL | dict(gravity=9.81)
+    lanes = [
+        touching | dict(z=-5e-4),
+        touching | dict(z=-5e-4, v_z=-1e-9),
+        touching | dict(z=-5e-4, v_z=-1e-4),
+        touching | dict(z=-5e-4, v_z=1e-6),
+        touching | dict(clearance=0.0),
+        touching | dict(clearance=0.0, restitution=0.1),
+        touching | dict(clearance=0.0, stiffness=1e12),
+        touching | dict(z=-5e-4, w_x=1e-6),
+    ]
     for steps in (50, 1200):
         states, code = in_lanes(lanes, steps, before=16)
         stiff = np.array([lane.get("stiffness", 0) > 1e11 for lane in lanes])
@@ -204,7 +213,16 @@ def test_phase_keeps_its_precision_after_1e5_periods():
     track = sj.HarmonicTrack((10.0, 12.0), 1e-3, math.radians(0.2))
     t = jnp.linspace(0.0, 1.0, 97)
     for epoch in (6e4, 6e5):  # multiples of 6, at which both waves have their initial phase
-        now, then = (jax.tree.leaves(track.motion(10.0 * (start + t))) for start in (0.0, epoch))
+        now, then = (jax.tree.leaves(track.motion(10.0 * phase(t, start))) for start in (0.0, epoch))
         for a, b in zip(now, then, strict=True):
             scale = float(jnp.max(jnp.abs(a)))
             np.testing.assert_allclose(a, b, atol=1e-15 * 2 * np.pi * epoch * scale)
+
+
+@pytest.mark.slow
+def test_a_periodic_motion_is_the_same_after_1e5_periods():
+    lanes = [dict(speed=v) for v in np.linspace(1240.0, 1260.0, LANES)]
+    first, _ = in_lanes(lanes, 50, before=2000)
+    last, code = in_lanes(lanes, 50, before=100_000)
+    assert np.all(code == 0)
+    np.testing.assert_allclose(last / SCALES, first / SCALES, atol=1e-6)

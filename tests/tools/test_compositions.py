@@ -26,17 +26,17 @@ def loop_in(form):
         total, other = form.sums(a * WEIGHTS, b * b * WEIGHTS)
         return (0.3 * jnp.stack([total, form.store_cotangent(form.store(other))]), rate), None
 
-    def run(x, rate):
+    def run(rate):
         steps = lambda carry: jax.lax.scan(step, carry, jnp.arange(2.0))[0]
         period = lambda carry, _: (form.in_one_kernel(steps, carry), None)
-        (x, _), _ = jax.lax.scan(period, (x, rate), None, 2)
+        first = jnp.array([0.3, 0.5]) + 0.0 * rate
+        (x, _), _ = jax.lax.scan(period, (first, rate), None, 2)
         return {"end": x, "count": jnp.asarray(2)}
 
     def number(rate):
-        # an argument, and a value that the function closes over
-        run_on = lambda x: run(x, rate)
-        first = jnp.array([0.3, 0.5]) * rate
-        return jnp.sum((by_jacobian(run_on, first) if form is fast else run_on(first))["end"])
+        # with a value that the function closes over, besides the argument
+        end = by_jacobian(lambda: run(rate)) if form is fast else run(rate)
+        return jnp.sum(end["end"])
 
     return number
 
@@ -46,25 +46,40 @@ def of_batch(f):
 
 
 def scanned(f):
-    add = lambda x: lambda total, s: (total + f(s * x) / SCALES.size, None)
-    return lambda x: jax.lax.scan(add(x), 0.0, jnp.asarray(SCALES))[0]
+    return lambda x: jax.lax.scan(lambda total, s: (total + f(s * x) / SCALES.size, None), 0.0, jnp.asarray(SCALES))[
+        0
+    ]
+
+
+def in_branch(f):
+    return lambda x: jax.lax.cond(x > 0, f, lambda x: 0.0 * x, x)
+
+
+def linearized(f):
+    return lambda x: jax.linearize(f, x)[1](1.0)
 
 
 def derivative(f):
     return lambda x: jax.jvp(f, (x,), (jnp.ones_like(x),))[1]
 
 
-looped = lambda f: lambda x: sum(f(s * x) for s in SCALES) / SCALES.size
-same = lambda f: f
+def looped(f):
+    return lambda x: sum(f(s * x) for s in SCALES) / SCALES.size
+
+
+def same(f):
+    return f
+
+
 # what JAX does, what a loop does in its place, and how often it differentiates
 TRANSFORMATIONS = {
     "jit": (jax.jit, same, 0),
     "vmap": (of_batch, looped, 0),
     "scan": (scanned, looped, 0),
-    "cond": (lambda f: lambda x: jax.lax.cond(x > 0, f, lambda x: 0.0 * x, x), same, 0),
+    "cond": (in_branch, same, 0),
     "checkpoint": (jax.checkpoint, same, 0),
     "jvp": (derivative, derivative, 1),
-    "linearize": (lambda f: lambda x: jax.linearize(f, x)[1](1.0), derivative, 1),
+    "linearize": (linearized, derivative, 1),
     "grad": (jax.grad, derivative, 1),
     "hessian": (jax.hessian, lambda f: derivative(derivative(f)), 2),
 }

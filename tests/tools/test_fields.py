@@ -1,14 +1,9 @@
-"""Fields of modules: functions among them are static, and their shapes are checked."""
+"""Fields of modules: functions among them are static."""
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
-import pytest
-from jaxtyping import TypeCheckError
 
-import slipperjax as sj
-from slipperjax.tools.batching import Batched
 from slipperjax.tools.fields import ShapeChecked
 
 
@@ -30,12 +25,3 @@ def test_functions_in_fields_are_no_leaves():
     assert made.static is jnp.sin  # as it was given
     # an equal module is known to programs that are compiled
     assert jax.tree.structure(made) == jax.tree.structure(Holder(net, (jnp.cos, 2.0)))
-
-
-def test_a_wrong_shape_put_in_by_hand_is_found():
-    """In functions by the tests alone: they take one case, batches need `Batched.map`."""
-    scene = sj.paper_scene()
-    batched = scene.replace(speed=np.array([900.0, 1000.0]))
-    with pytest.raises(TypeCheckError):
-        sj.model.contact_duration(batched)
-    assert Batched.of(batched, scene).map(sj.model.contact_duration).shape == (2,)

@@ -15,20 +15,22 @@ def names(folder):
 
 def test_a_new_file_is_written_and_an_old_one_replaced(tmp_path):
     path = tmp_path / "a.nc"
-    done = write_each({path: lambda: b"one"})
-    assert done == f"wrote {path}"
+    write_whole(path, b"one")
     os.chmod(path, 0o640)
-    (tmp_path / "link").symlink_to(path)
     with open(path, "rb") as held:
-        write_whole(tmp_path / "link", memoryview(b"three"))
+        write_whole(path, memoryview(b"three"))
         assert held.read() == b"one"  # what is open elsewhere stays as it was
-    assert (tmp_path / "link").is_symlink()
     assert path.read_bytes() == b"three"
     assert stat.S_IMODE(path.stat().st_mode) == 0o640
-    (tmp_path / "folder").mkdir()  # a folder in the way is left alone
-    with pytest.raises(OSError, match="directory"):
-        write_whole(tmp_path / "folder", b"new")
-    assert names(tmp_path) == ["a.nc", "folder", "link"]
+    assert names(tmp_path) == ["a.nc"]
+
+
+def test_the_file_that_a_link_leads_to_is_written(tmp_path):
+    (tmp_path / "there").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "there" / "a")
+    write_whole(tmp_path / "link", b"one")
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "there" / "a").read_bytes() == b"one"
 
 
 @pytest.mark.parametrize("error", [OSError(errno.ENOSPC, "full"), KeyboardInterrupt()])
@@ -76,6 +78,16 @@ def test_nothing_is_written_through_links_that_somebody_has_put_there(tmp_path, 
     assert victim.read_bytes() == b"years of work"
 
 
+def test_what_was_done_is_said(tmp_path):
+    done = write_each({tmp_path / name: lambda: b"new" for name in "abc"})
+    (tmp_path / "d").mkdir()  # a folder in the way is left alone
+    with pytest.raises(OSError, match="directory"):
+        write_whole(tmp_path / "d", b"new")
+    assert names(tmp_path) == list("abcd")
+    assert done == f"wrote {tmp_path / 'a'}, {tmp_path / 'b'} and {tmp_path / 'c'}"
+
+
 def test_of_many_names_the_first_five_are_said():
+    assert first_ones(list("abc")) == "a, b and c"
     assert first_ones(list("abcde")) == "a, b, c, d and e"
     assert first_ones(list("abcdefgh")) == "a, b, c, d, e and 3 more"

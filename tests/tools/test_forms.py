@@ -6,8 +6,11 @@ import sys
 import types
 
 import jax
+import numpy as np
 import pytest
 
+import slipperjax as sj
+from slipperjax.flow.period_map import PeriodMap
 from slipperjax.tools import fast, forms, plain, self_test
 from slipperjax.tools.cache import keep_in
 from slipperjax.tools.compile import jit
@@ -36,7 +39,10 @@ def test_the_environment_chooses_the_plain_form(value, is_plain, monkeypatch, re
     texts = [str(w.message) for w in recwarn]
     assert len(texts) == is_plain  # one warning, not one a call
     assert all("times slower" in text and "SLIPPERJAX_PLAIN" in text for text in texts)
-    monkeypatch.setattr(forms._Choice, "form", None)
+
+
+@pytest.mark.usefixtures("undecided")
+def test_another_value_in_the_environment_is_one_clear_error(monkeypatch):
     monkeypatch.setenv("SLIPPERJAX_PLAIN", "yes")
     with pytest.raises(ValueError, match="SLIPPERJAX_PLAIN must be 0 or 1, but is 'yes'"):
         forms.is_plain()
@@ -110,6 +116,19 @@ def test_both_forms_have_the_same_functions():
     public = {name for name in vars(forms) if not name.startswith("_")}
     assert set(fast.__all__) <= public
     assert all(hasattr(plain, name) for name in fast.__all__)
+
+
+@pytest.mark.full
+def test_a_period_and_its_derivative_are_the_same_in_both_forms(monkeypatch):
+    scene = sj.paper_scene()
+    state = sj.initial_state(scene, sj.table_2_start())
+    found = {}
+    for form in (fast, plain):
+        monkeypatch.setattr(forms._Choice, "form", form)
+        # a function of its own for each form, because JAX keeps what it has traced
+        end = lambda speed, form=form: PeriodMap(scene.replace(speed=speed), 20, sj.solvers.RK4())(state).motion.v_z
+        found[form] = jax.jit(lambda speed, end=end: jax.jvp(end, (speed,), (1.0,)))(1250.0)
+    np.testing.assert_allclose(found[plain], found[fast], rtol=1e-10)  # measured: 3e-14
 
 
 @pytest.mark.full

@@ -25,6 +25,12 @@ def plain(a, b):
     return jnp.sum(jnp.sum(u * v) * jnp.arange(4.0) * jnp.sum(v))
 
 
+@pytest.mark.full
+@pytest.mark.parametrize("changed", [lambda f: f, jax.jit, jax.grad, jax.hessian, lambda f: jax.jit(jax.jacfwd(f))])
+def test_they_are_jax_operations_in_both_modes(changed):
+    np.testing.assert_allclose(changed(chained)(A, B), changed(plain)(A, B), rtol=1e-12)
+
+
 def test_derivatives_are_those_of_differences():
     check_grads(jax.jit(chained), (A, B), order=2)
 

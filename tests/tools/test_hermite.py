@@ -95,7 +95,8 @@ def test_the_zero_is_that_in_the_direction_of_the_change(kind, sign):
     assert np.all(sign * falling <= 0)
 
 
-def test_a_guess_on_the_way_back_leads_to_the_change_nevertheless():
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_guess_on_the_way_back_leads_to_the_change_nevertheless(sign):
     """Cubics that fall through zero and rise towards it again."""
     rng, uniform = np.random.default_rng(2), lambda low, high: rng.uniform(low, high, COUNT)
     ends = uniform(0.1, 0.3), uniform(0.0, 0.2), -uniform(0.1, 0.3), uniform(1.5, 3.0)
@@ -104,21 +105,22 @@ def test_a_guess_on_the_way_back_leads_to_the_change_nevertheless():
     bend = ends[0] + ends[1] - ends[2]
     guess = (ends[1] + np.sqrt(ends[1] ** 2 + 4 * bend * ends[0])) / (2 * bend)
     assert np.mean(cubic.slope_at(guess) > 0) > 0.3  # measured 0.39
-    found, _ = map(np.asarray, zeros(*cubic))
+    found, _ = map(np.asarray, zeros(*(sign * part for part in cubic)))
     error = np.array([np.min(np.abs(right_zeros(*row) - x)) for row, x in zip(np.stack(cubic).T, found, strict=True)])
     # measured 0.0026 and 0.017; by Newton's method 0.32 and 1
     assert np.median(error) < 0.01
     assert np.max(error) < 0.05
 
 
-def test_a_path_that_nearly_touches_zero_before_it_crosses():
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_path_that_nearly_touches_zero_before_it_crosses(sign):
     """A gap over a step of a sled on random rails, in micrometres: at 0.88 of the step it falls through zero.
 
     Two steps of Newton's method from the first guess end at 0.67, where it falls more than three times as fast.
     """
     ends = 8.47446, -16.6054, -0.0424738, 0.982105
     cubic = Cubic.through(*ends)
-    found, _ = zeros(*(np.full(COUNT, part) for part in cubic))
+    found, _ = zeros(*(np.full(COUNT, sign * part) for part in cubic))
     (zero,) = right_zeros(*cubic)
     np.testing.assert_allclose(found, zero, rtol=1e-8)  # measured 1.6e-9
 
@@ -133,7 +135,7 @@ def test_no_zero_is_looked_for_where_none_is_wanted():
 
 @pytest.mark.full
 def test_derivatives_are_those_of_the_zero_to_second_order():
-    """Of a stone thrown upwards, whose fall to the ground has a closed form."""
+    """Of a stone thrown upwards, whose fall to the ground has a closed form, and of a cubic by differences."""
 
     def landing(p):
         height, rate, weight = p
@@ -146,3 +148,11 @@ def test_derivatives_are_those_of_the_zero_to_second_order():
         for first, second in ((jax.jacfwd, jax.jacfwd), (jax.jacrev, jax.jacrev), (jax.jacfwd, jax.jacrev)):
             np.testing.assert_allclose(first(landing)(at), first(exact)(at), rtol=1e-12)
             np.testing.assert_allclose(second(first(landing))(at), second(first(exact))(at), rtol=1e-11, atol=1e-12)
+    cubic = lambda p: sign_change(Cubic(*p), jnp.sum(p), jnp.array(True))
+    p = np.array([0.3, 0.4, -1.2, -0.2])
+    by_roots = lambda p: right_zeros(*p)[0]
+    step = 1e-4 * np.eye(4)
+    mixed = lambda i, j: sum(a * b * by_roots(p + a * step[i] + b * step[j]) for a in (1, -1) for b in (1, -1)) / 4e-8
+    differences = np.array([[mixed(i, j) for j in range(4)] for i in range(4)])
+    # measured 2.5e-6, the differences' own error
+    np.testing.assert_allclose(jax.hessian(cubic)(jnp.array(p)), differences, atol=1e-5)

@@ -1,4 +1,4 @@
-"""Reverse mode by Jacobians: programs by few numbers have no backward pass. Values: `test_compositions.py`."""
+"""Reverse mode by Jacobians: the same derivatives in every transformation, by programs without a backward pass."""
 
 import jax
 import jax.numpy as jnp
@@ -7,6 +7,8 @@ import pytest
 
 import slipperjax as sj
 from slipperjax.tools.jacobian import MOST_FORWARD, by_jacobian
+
+from ..common import among
 
 X, RATE = jnp.array([0.3, 0.5]), jnp.asarray(1.3)
 
@@ -24,6 +26,41 @@ def cost(run):
 
 def in_arguments(x, rate):
     return by_jacobian(run, x, rate)
+
+
+def closed_over(x, rate):
+    return by_jacobian(lambda x: run(x, rate), x)
+
+
+TRANSFORMED = {
+    "grad": lambda f: jax.grad(f, (0, 1)),
+    "jacfwd": lambda f: jax.jacfwd(f, (0, 1)),
+    "hessian": lambda f: jax.hessian(f, (0, 1)),
+    "jacfwd of jacfwd": lambda f: jax.jacfwd(jax.jacfwd(f)),
+    "jacrev of jacfwd": lambda f: jax.jacrev(jax.jacfwd(f)),
+    "jacrev of jacrev": lambda f: jax.jacrev(jax.jacrev(f, 1), 1),
+    "jit of grad": lambda f: jax.jit(jax.grad(f)),
+    "grad of a batch": lambda f: jax.grad(lambda x, r: jnp.sum(jax.vmap(f, (0, None))(jnp.stack([x, 2 * x]), r)), 1),
+    "batch of grads": lambda f: lambda x, r: jax.vmap(jax.grad(f), (0, None))(jnp.stack([x, 2 * x]), r),
+    "batch of rates": lambda f: lambda x, r: jax.vmap(jax.hessian(f, 1), (None, 0))(x, jnp.stack([r, 2 * r])),
+    "checkpoint": lambda f: jax.grad(jax.checkpoint(f)),
+}
+
+
+def check(transform, form):
+    right = jax.jit(transform(cost(run)))(X, RATE)
+    for one, other in zip(*map(jax.tree.leaves, (transform(cost(form))(X, RATE), right)), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-12)  # measured: 3e-15
+
+
+@pytest.mark.parametrize("transform", among(TRANSFORMED, "grad", "jacfwd", "batch of grads"))
+def test_derivatives_are_those_of_the_function(transform):
+    check(transform, in_arguments)
+
+
+@pytest.mark.parametrize("form", [closed_over, jax.jit(in_arguments)], ids=["closed over", "inside jit"])
+def test_derivatives_are_the_same_by_what_is_closed_over_and_inside_jit(form):
+    check(TRANSFORMED["batch of grads"], form)
 
 
 def loops_backwards(fun, *args):

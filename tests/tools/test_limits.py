@@ -7,7 +7,14 @@ from slipperjax.tools.limits import available_memory, refuse_impossible, shown_b
 
 
 def test_durations_and_sizes_in_words():
-    durations = {100: "100 s", 125: "2.08 min", 12_000: "3.33 h", 3e5: "3.47 days", 6e8: "19 years"}
+    durations = {
+        0.2: "0.2 s",
+        100: "100 s",
+        125: "2.08 min",
+        12_000: "3.33 h",
+        3e5: "3.47 days",
+        6e8: "19 years",
+    }
     assert {seconds: shown_time(seconds) for seconds in durations} == durations
     assert [shown_bytes(x) for x in (999.0, 2.5e9, 8e12, 3e18)] == ["999 B", "2.5 GB", "8 TB", "3e+03 PB"]
 
@@ -48,6 +55,7 @@ def test_memory_and_time_decide(monkeypatch):
             250_000,
         ),
         ("3:cpu:/job", {"job": {"memory.max": "1", "memory.current": "1"}}, 1_024_000),
+        ("0::/", {"": {"memory.max": "max", "memory.current": "400000"}}, 1_024_000),
         ("0::/job", {"job": {"memory.max": "1000", "memory.current": "400000"}}, 0),
     ],
 )

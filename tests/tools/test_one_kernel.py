@@ -86,6 +86,26 @@ def test_large_sums_and_extremes_are_in_a_kernel(reduce, size):
     assert np.all(np.isnan(found[3]))
 
 
+@pytest.mark.full
+def test_reverse_mode_through_the_steps_is_the_derivative_by_jacobians():
+    """In a process of its own, which XLA ended where it folded constants into a kernel."""
+    code = """
+import jax, slipperjax as sj
+from slipperjax.tools import jacobian
+jacobian.MOST_FORWARD = 0
+scene = sj.paper_scene(speed=1250.0)
+state = sj.initial_state(scene, sj.table_2_start())
+options = dict(periods=3, steps_per_period=40, solver=sj.solvers.RK4())
+end = lambda speed: sj.period_map(scene.replace(speed=speed), state, **options).motion.y
+print(*(float(jax.jit(derivative(end))(1250.0)) for derivative in (jax.grad, jax.jacfwd)))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-300:]
+    backward, forward = map(float, done.stdout.split())
+    assert np.isfinite(backward)
+    np.testing.assert_allclose(backward, forward, rtol=1e-9)
+
+
 def loop(x, v, rate):
     """Twenty steps of coupled oscillators."""
 
@@ -111,16 +131,19 @@ def closed(x, v, rate):
 
 
 TRANSFORMED = {
+    "itself": (lambda f: f, 1),
     "vmap": (lambda f: lambda *a: jax.vmap(f, in_axes=(0, None, None))(jnp.stack([a[0], 2 * a[0]]), *a[1:]), 1),
     "jvp": (lambda f: lambda *a: jax.jvp(f, a, a), 1),
     "grad": (lambda f: jax.grad(f, (0, 1, 2)), 2),
     "grad of the rate": (lambda f: jax.grad(f, 2), 2),
+    "jacfwd of grad": (lambda f: jax.jacfwd(jax.grad(f)), 2),
     "grad of grad": (lambda f: jax.grad(lambda *a: jnp.sum(jax.grad(f)(*a) ** 2)), 3),
+    "checkpoint": (lambda f: jax.grad(jax.checkpoint(f)), 2),
 }
 
 
 @pytest.mark.parametrize("fun", [marked, closed])
-@pytest.mark.parametrize("transformed", among(TRANSFORMED, "vmap", "grad"))
+@pytest.mark.parametrize("transformed", among(TRANSFORMED, "itself", "vmap", "jvp", "grad"))
 def test_all_loops_of_transformed_programs_are_kernels(fun, transformed):
     transform, least = transformed
     args = X, jnp.zeros(8), jnp.asarray(0.3)

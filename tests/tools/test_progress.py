@@ -44,16 +44,21 @@ def test_programs_that_step_are_told_while_they_are_compiled(terminal, shown):
         first = shown()
         one(jnp.ones(()))  # it is there
         assert not any("compiling" in line for line in shown())
-        other(jnp.ones(()))
-        # of a thread of the run, too
-        thread = threading.Thread(target=copy_context().run, args=(program(5.0), jnp.ones(())))
-        thread.start()
-        thread.join()
+        other(jnp.ones(())), program(5.0)(jnp.ones(()))
         progress.update()
     lines = first + shown()
     texts = [line.split(":")[0] for line in lines if "compiling" in line]
     assert texts == [f"branch, compiling program {of}" for of in ("1 of 2", "2 of 2", "3 of 3")]
     assert lines[-2].startswith("branch: 1it")
+
+
+def test_threads_of_a_run_tell_it_too(terminal, shown):
+    with bar(True, desc="sweep"):
+        call = lambda: program(7.0)(jnp.ones(()))
+        thread = threading.Thread(target=copy_context().run, args=(call,))
+        thread.start()
+        thread.join()
+    assert any("sweep, compiling program 1 of 1" in line for line in shown())
 
 
 def test_of_programs_that_are_compiled_at_once_the_next_one_is_told():

@@ -23,8 +23,14 @@ def rows(change=lambda row, k: row):
     ]
 
 
+def table(tmp_path, lines, name="table.csv"):
+    content = "\n".join(lines).encode()
+    (tmp_path / name).write_bytes(content)
+    return Table(tmp_path / name, content, WANTED, ALIASES)
+
+
 def read(tmp_path, lines, **options):
-    found = Table(tmp_path / "table.csv", "\n".join(lines).encode(), WANTED, ALIASES)
+    found = table(tmp_path, lines)
     found.check_rising("distance", **options)
     return found.si()
 
@@ -98,14 +104,20 @@ def test_all_faults_are_told_at_once_in_the_file_s_units(tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")
-def test_many_faults_are_counted_and_a_column_that_falls_is_one_in_one_line(tmp_path):
-    with pytest.raises(TableError) as told:
-        read(tmp_path, rows(lambda row, k: ["?", *row[1:]] if k < MOST_SHOWN + 3 else row))
-    first, second, *_, last = lines = str(told.value).splitlines()
-    assert len(lines) == MOST_SHOWN + 2
-    assert first.endswith(f"has {MOST_SHOWN + 3} faults:")
-    assert second.endswith("line 2: `Chainage` must be a number, but is '?'.")
-    assert last == "  and 3 more."
+def test_one_fault_is_one_line_and_many_are_counted(tmp_path):
+    for count in (1, 2, MOST_SHOWN, MOST_SHOWN + 3):
+        spoiled = rows(lambda row, k, count=count: ["?", *row[1:]] if k < count else row)
+        with pytest.raises(TableError) as told:
+            read(tmp_path, spoiled, gaps=True)
+        lines = str(told.value).splitlines()
+        assert len(lines) == {1: 1, 2: 3, MOST_SHOWN: MOST_SHOWN + 1, MOST_SHOWN + 3: MOST_SHOWN + 2}[count]
+        assert "line 2: `Chainage` must be a number, but is '?'." in str(told.value)
+    assert lines[0].endswith(f"has {MOST_SHOWN + 3} faults:")
+    assert lines[-1] == "  and 3 more."
+
+
+@pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")
+def test_a_column_that_falls_is_one_fault(tmp_path):
     head, *below = rows()
     with pytest.raises(TableError, match=r"csv: `Chainage` falls from row to row: reverse the rows\.$"):
         read(tmp_path, [head, *below[::-1]], gaps=True)

@@ -18,15 +18,19 @@ def test_jit_takes_compiler_options_at_the_top_and_nests_everywhere():
     assert jax.grad(lambda x: cube(x, 3))(2.0) == 12.0
     assert jax.jit(jax.grad(lambda x: cube(x, 3)))(2.0) == 12.0
     np.testing.assert_array_equal(jax.vmap(lambda x: cube(x, 2))(jnp.arange(3.0)), [0, 1, 4])
-    assert is_plain() or compiler_options("cpu")["xla_cpu_enable_fast_math"] is True
+    assert jax.jit(lambda: cube(jnp.asarray(2.0), 3))() == 8.0  # constants inside another program
+    assert jax.hessian(lambda x: cube(x, 3))(2.0) == 12.0
+
+
+@pytest.mark.skipif(is_plain(), reason="for the fast form")
+def test_options_are_those_of_the_backend():
+    assert compiler_options("cpu")["xla_cpu_enable_fast_math"] is True
     assert compiler_options("gpu") == {}
 
 
-CASE = {"a": np.asarray(1.0), "b": np.asarray([2.0, 3.0])}
-
-
 def test_a_batch_shares_what_does_not_differ():
-    batch = Batched.of({"a": np.arange(3.0), "b": CASE["b"]}, CASE)
+    case = {"a": np.asarray(1.0), "b": np.asarray([2.0, 3.0])}
+    batch = Batched.of({"a": np.arange(3.0), "b": case["b"]}, case)
     assert batch.varied["b"] is None
     assert batch.shared["a"] is None
     shapes = []
@@ -38,11 +42,16 @@ def test_a_batch_shares_what_does_not_differ():
     np.testing.assert_array_equal(batch.map(one, jnp.ones(3)), [1, 6, 11])
     assert shapes == [(2,)]
     np.testing.assert_array_equal(batch.take(np.array([2, 2, 0])).varied["a"], [2, 2, 0])
+
+
+def test_what_is_made_of_shared_leaves_is_shared():
+    case = {"a": np.asarray(1.0), "b": np.asarray([2.0, 3.0])}
+    batch = Batched.of({"a": np.arange(3.0), "b": case["b"]}, case)
     made = batch.apply(lambda tree: {"both": tree["a"] * tree["b"], "alone": 2 * tree["b"]})
     np.testing.assert_array_equal(made.varied["both"], [[0, 0], [2, 3], [4, 6]])
     np.testing.assert_array_equal(made.shared["alone"], [4, 6])
     assert (made.varied["alone"], made.shared["both"]) == (None, None)
-    same = Batched({"a": None, "b": None}, CASE).apply(lambda tree: tree["a"] + tree["b"])
+    same = Batched({"a": None, "b": None}, case).apply(lambda tree: tree["a"] + tree["b"])
     assert (same.varied, same.shared.tolist()) == (None, [3, 4])
 
 
@@ -65,9 +74,12 @@ def test_functions_are_described_by_name_and_code_in_any_process():
     def scaled(k):
         return lambda x: k * x
 
-    text = lambda function: describe(function)["opaque"]
+    def text(function):
+        return describe(function)["opaque"]
+
     assert text(scaled(2.0)) == text(scaled(2.0))
     assert text(scaled(2.0)) != text(scaled(3.0))  # of the same code
+    assert text(lambda x: x + 1) != text(lambda x: x + 2)
     nested = lambda k: lambda x: [x + y for y in range(k)]
     assert text(nested(2)) == text(nested(2))
     assert " at 0x" not in text(nested(2))

@@ -27,26 +27,35 @@ of_unit = lambda values, units: xr.DataArray(values, attrs={"units": units})
     [
         ("125.66370614359172 rad/s", "Hz", 20.0),
         ("1200 rpm", "Hz", 20.0),
+        ("20 rev/s", "Hz", 20.0),
+        ("7200 deg/s", "Hz", 20.0),
         ("20 1/s", "Hz", 20.0),
         ("0.02 kHz", "Hz", 20.0),
         ("10 Hz", "rad/s", 20 * math.pi),
+        ("600 rpm", "rad/s", 20 * math.pi),
         ("10 1/s", "rad/s", 10.0),
         ("10 Hz/s", "rad/s^2", 20 * math.pi),
+        ("10 cycle/s^2", "rad/s^2", 20 * math.pi),
         ("3 (rad/s^2)^2/Hz", "(rad/s^2)^2/Hz", 3.0),
         ("3 m^2/(rad/m)", "m^2 per cycle/m", 6 * math.pi),
         ("2 rad/m", "cycles/m", 1 / math.pi),
         # which may count cycles or radians
         ("2 1/m", "cycles/m", None),
+        ("3 m^3", "m^2 per cycle/m", None),
         ("3 rad^2/s", "Hz", None),
         # a speed of wavelength and frequency, and one of radius and angular rate
         ("5 m Hz", "m/s", 5.0),
+        ("5 m rad/s", "m/s", 5.0),
     ],
 )
 def test_cycles_are_no_radians(given, unit, exact):
     value, _, written = given.partition(" ")
     ways = [lambda: parsed("low", given, unit)]
-    if exact is not None:
-        ways += [lambda own=own: in_unit(own(float(value), written), unit) for own in (Q, of_unit)]
+    if written != "rev/s" and exact is not None:  # which pint does not know
+        ways += [
+            lambda: in_unit(Q(float(value), written), unit),
+            lambda: in_unit(of_unit(float(value), written), unit),
+        ]
     for way in ways:
         if exact is None:
             with pytest.raises(ValueError, match="`low` must be"):
@@ -61,12 +70,15 @@ def test_cycles_are_no_radians(given, unit, exact):
     [
         (of_unit(900.0, "km/h"), "m/s", 250.0),
         (of_unit([1, 2], "mm"), "m", [1e-3, 2e-3]),
+        (of_unit(1.0, "g"), "m/s^2", 9.80665),
+        (of_unit(0.5, "1"), "", 0.5),
         (xr.DataArray(3.0), "m", 3.0),
         (xr.DataArray(Q([1.0, 2.0], "mm")), "m", [1e-3, 2e-3]),
         ([of_unit(1.0, "mm"), Q(1.0, "cm"), 1.0], "m", [1e-3, 1e-2, 1.0]),
         (SimpleNamespace(value=np.array([36.0]), unit="km / h"), "m/s", [10.0]),
         (np.timedelta64(1500, "ms"), "s", 1.5),
         (datetime.timedelta(minutes=1), "s", 60.0),
+        (pd.Timedelta("3 ms"), "s", 3e-3),
         (pd.Series(pd.to_timedelta([0, 1], unit="s")), "s", [0.0, 1.0]),
         ("900 km/h", "m/s", 250.0),
         (["1/16 in", "1 mm"], "m", [1.5875e-3, 1e-3]),
@@ -82,11 +94,14 @@ def test_what_has_a_unit_is_converted(given, unit, exact):
     ("given", "unit"),
     [
         (of_unit(900.0, "kg"), "m/s"),
+        (of_unit(900.0, "kg"), ""),
         ("900 kg", "m/s"),
         ("900", "m/s"),
         (of_unit(1.0, "seconds since 2026-01-01"), "s"),
+        (np.timedelta64(1, "s"), "m"),
         (np.array(["2026-01-01"], "datetime64[s]"), "s"),
         (datetime.datetime(2026, 1, 1), "s"),
+        (np.timedelta64("NaT", "s"), "s"),
     ],
 )
 def test_other_units_and_dates_are_refused(given, unit):
