@@ -6,7 +6,7 @@ from .comparisons import comparison as comparison
 from .designs import design_margins as design_margins, design_overview as design_overview
 from .environment import vibration as vibration
 from .fits import fit_overview as fit_overview
-from .loads import loads as loads
+from .loads import greatest_loads as greatest_loads
 from .maps import (
     attractor_map as attractor_map,
     basin_map as basin_map,

@@ -89,7 +89,7 @@ def load_quantity(kind: str, units: ShownUnits) -> Quantity:
     return units.of(Quantity(f"greatest {kind}", unit, kind, shown_unit=OWN_UNITS[kind]))
 
 
-def loads(ds: object, units: Units = None) -> np.ndarray:
+def greatest_loads(ds: object, units: Units = None) -> np.ndarray:
     """Draw the greatest forces and moments of each part, for each interval of time over which they are averaged.
 
     Bars are the greatest of all runs. With quantiles over independent runs, dots are the quantiles, with their 95 %

@@ -13,7 +13,7 @@ from ..plots.comparisons import comparison
 from ..plots.designs import design_overview
 from ..plots.environment import vibration
 from ..plots.fits import fit_overview
-from ..plots.loads import loads as loads_picture
+from ..plots.loads import greatest_loads
 from ..plots.runs import run_overview
 from ..plots.style import Units
 from ..plots.sweeps import of_sweep
@@ -62,7 +62,7 @@ KINDS: dict[str, Kind] = {
         environments.report,
         pages=lambda ds: (vibration(ds, place)[0, 0].figure for place in range(ds.sizes["place"])),
     ),
-    "loads": Kind(loads.summary, loads.tables, loads_picture, "Loads", loads.report),
+    "loads": Kind(loads.summary, loads.tables, greatest_loads, "Loads", loads.report),
     "optimise_design": Kind(searches.design_summary, searches.design_tables, design_overview),
     "fit": Kind(searches.fit_summary, searches.fit_tables, fit_overview),
 }

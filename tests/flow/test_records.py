@@ -8,9 +8,9 @@ from scipy.interpolate import CubicHermiteSpline
 
 import slipperjax as sj
 from slipperjax.flow.course import Loads, over_periods
+from slipperjax.flow.numbers import ALIASES, RECORDS, Record
 from slipperjax.flow.period_map import PeriodMap
 from slipperjax.flow.record import PoincareSections, RecordedSpan, RecordSet, Samples, Strobe
-from slipperjax.flow.numbers import ALIASES, RECORDS, Record
 from slipperjax.flow.status import Status
 from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.model.layout import coordinate_rows

@@ -11,9 +11,9 @@ import optimistix as optx
 import pytest
 
 import slipperjax as sj
+from slipperjax.flow.numbers import RECORDS, AbstractAtPeak
 from slipperjax.flow.period_map import PeriodMap
 from slipperjax.flow.record import RecordSet
-from slipperjax.flow.numbers import RECORDS, AbstractAtPeak
 from slipperjax.flow.stepping import ConstantSteps, ControlledSteps
 from slipperjax.model.contact import AbstractIntegratedMemory
 from slipperjax.model.dynamics import Args
