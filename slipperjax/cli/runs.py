@@ -4,9 +4,9 @@ import itertools
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
@@ -32,9 +32,11 @@ from .options import (
     shown_value,
     takes_case,
 )
+from .sweep import target
 
 if TYPE_CHECKING:
     from ..results.result import Result
+    from ..sweeps.store import Store
 
 SEPARATOR = "\t"
 """Separator between the words of --over, because words may have spaces in them."""
@@ -44,14 +46,17 @@ class _Comparing(CommandOf):
     """A command whose option --over takes a name and any number of values."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        if "--over" in args:
-            first = args.index("--over") + 1
-            # the name, and all words that begin like numbers, except a file such as 2024_sled.toml
-            is_value = lambda word: re.match(r"[-+]?\.?\d", word) and not word.lower().endswith(".toml")
-            values = itertools.takewhile(is_value, args[first + 1 :])
-            joined = [*args[first : first + 1], *values]
-            args = [*args[:first], SEPARATOR.join(joined), *args[first + len(joined) :]]
-        return super().parse_args(ctx, args)
+        # the name, and all words that begin like numbers, except a file such as 2024_sled.toml
+        is_value = lambda word: re.match(r"[-+]?\.?\d", word) and not word.lower().endswith(".toml")
+        left = list(args)
+        joined = []
+        while left:
+            joined.append(left.pop(0))
+            if joined[-1] == "--over" and left:
+                values = list(itertools.takewhile(is_value, left[1:]))
+                joined.append(SEPARATOR.join([left[0], *values]))
+                left = left[1 + len(values) :]
+        return super().parse_args(ctx, joined)
 
 
 @app.command(cls=_Comparing, of="sweeps.compare.compare")
@@ -59,8 +64,9 @@ class _Comparing(CommandOf):
 @option(
     "--over",
     str,
-    f"Compare designs: a parameter and two or more values. {parameters_of(PARAMETERS)}",
+    f"Compare designs: a parameter and two or more values; repeat for every combination. {parameters_of(PARAMETERS)}",
     metavar="NAME VALUE VALUE ...",
+    multiple=True,
 )
 @option(
     "--rails",
@@ -76,10 +82,11 @@ class _Comparing(CommandOf):
     multiple=True,
 )
 @option("--store", FILE, "With --rails or --over: keep runs in this store, from which the same command continues.")
+@option("--share", str, "With --store: compute only share I of N of the runs, for jobs of an array.", metavar="I/N")
 @result("run")
 @takes_case
 @click.argument("scene", metavar="FILE", type=INPUT)
-def run(case: Case, begin: float | None, out: Sequence[Path], over: str | None, **ensemble: object) -> int:
+def run(case: Case, begin: float | None, out: Sequence[Path], over: Sequence[str], **ensemble: object) -> int:
     """Run the scene of FILE along a length of rail, at a speed that may change, as its table [run] says; or over many
     rails, for the quantiles of its loads; or compare designs by many runs over the same rails from the same starts.
 
@@ -96,7 +103,7 @@ def run(case: Case, begin: float | None, out: Sequence[Path], over: str | None, 
     of_file = {name: value for name, value in file.run.items() if not given(name)}
     options = case.options | {"begin": begin} | of_file
     files = Outputs(out)
-    if over is not None:
+    if over:
         return _compared(case, over, options | ensemble, files)
     if given("rails"):
         require(not given("starts"), "--starts", "come with --over", ensemble["starts"])
@@ -155,7 +162,7 @@ def _records(case: Case, options: Mapping[str, object]) -> list[object]:
     return records
 
 
-def _over_rails(case: Case, options: dict[str, object], ensemble: Mapping[str, object], files: Outputs) -> int:
+def _over_rails(case: Case, options: dict[str, object], ensemble: Mapping[str, Any], files: Outputs) -> int:
     """Run over many rails; write and print the loads of each slipper, with their quantiles."""
     from ..sweeps.compare import on_rails
     from ..sweeps.loads import check_loads, loads
@@ -166,15 +173,43 @@ def _over_rails(case: Case, options: dict[str, object], ensemble: Mapping[str, o
     check_loads(case.scene, sized.get("means", ()), sized.get("cuts", ()))
     scene, rails = on_rails(case.scene, ensemble["rails"])
     require(rails, "--rails", "be 2 or more", ensemble["rails"])
-    store = ensemble["store"]
-    with keeping(lambda ds: kept_in(store), store):
+    store = _store(ensemble, ensemble["rails"])
+    with keeping(_kept(store), None if store is None else store.path):
         ran = over_rail(
             scene, rails, product=False, **options, record=_records(case, options), store=store, progress=True
         )
+    if _is_share(store):
+        return 0
     report = loads(ran, over="case", **sized)
     _keep_units(report, case)
     said(files.write(report), case.text(start=_start(case)), *report.summary())
     return LOST if is_lost(report["status"].values).all() else 0
+
+
+def _store(ensemble: Mapping[str, Any], runs: int) -> "Store | None":
+    """Return the store that options describe; each share of it is a tile, as far as `runs` suffice."""
+    tile = None
+    if ensemble["share"] is not None:
+        jobs = ensemble["share"].rpartition("/")[2]
+        tile = -(-runs // max(int(jobs), 1)) if jobs.isdigit() else None
+    return target(ensemble["store"], share=ensemble["share"], tile=tile)
+
+
+def _kept(store: "Store | None") -> Callable[[Any], str]:
+    """Return a function that says where an interrupt leaves finished runs."""
+    without = "nothing is written; with --store runs are kept, and the same command goes on"
+    return lambda ds: without if store is None else kept_in(store.path)
+
+
+def _is_share(store: "Store | None") -> bool:
+    """Return whether runs are only a share of a store, and print how many are there; these have no result yet."""
+    from ..sweeps.store import store_status
+
+    if store is None or store.share is None:
+        return False
+    status = store_status(store.path)
+    said(f"share {store.share[0]}/{store.share[1]}: {status}")
+    return status.tiles_done < status.tiles
 
 
 def _keep_units(result: "Result", case: Case) -> None:
@@ -185,20 +220,26 @@ def _keep_units(result: "Result", case: Case) -> None:
     result.attrs[UNITS] = json.dumps(case.file.units)
 
 
-def _compared(case: Case, over: str, options: dict[str, object], files: Outputs) -> int:
+def _compared(case: Case, over: Sequence[str], options: dict[str, Any], files: Outputs) -> int:
     """Compare designs; write and print the results."""
     from ..sweeps.compare import compare
 
-    name, *written = over.split(SEPARATOR)
-    require(len(written) > 1, "--over", "have a parameter and two or more values", over.replace(SEPARATOR, " "))
-    q = parameter(name, case.scene)
-    values = q.from_shown(np.array([shown_value(q, VALUE.convert(word, None, None)) for word in written]))
-    store = options["store"]
-    without = "nothing is written; with --store runs are kept, and the same command goes on"
-    with keeping(lambda ds: without if store is None else kept_in(store), store):
-        found = compare(case.scene, {name: values}, progress=True, **options)
+    designs = {}
+    for text in over:
+        name, *written = text.split(SEPARATOR)
+        require(len(written) > 1, "--over", "have a parameter and two or more values", text.replace(SEPARATOR, " "))
+        require(name not in designs, "--over", "name each parameter once", name)
+        q = parameter(name, case.scene)
+        designs[name] = q.from_shown(np.array([shown_value(q, VALUE.convert(word, None, None)) for word in written]))
+    runs = math.prod(map(len, designs.values())) * options["rails"] * options["starts"]
+    store = _store(options, runs)
+    options = {name: value for name, value in options.items() if name != "share"} | {"store": store}
+    with keeping(_kept(store), None if store is None else store.path):
+        found = compare(case.scene, designs, progress=True, **options)
+    if _is_share(store):
+        return 0
     _keep_units(found, case)
-    said(files.write(found), case.text([name], _start(case)), *found.summary())
+    said(files.write(found), case.text(designs, _start(case)), *found.summary())
     # by the last quantile, which decides
     return 0 if np.isfinite(found["value"].values[..., -1]).all() else LOST
 

@@ -159,16 +159,16 @@ def sweep(
         records = NearestOrbit(periods)
     options = dict(transient=transient, periods=periods, record=records, begin=begin, product=sample is None)
     grid = make_grid(case.scene, over, *by, log=log, sample=sample)
-    target = _target(store, **storing)
+    kept = target(store, **storing)
     if explain:
         options |= case.options
-        print(on_thread(lambda: estimate(run, case.scene, grid, store=target, **options)))
+        print(on_thread(lambda: estimate(run, case.scene, grid, store=kept, **options)))
         return 0
     with _executor(storing["processes"], storing["cluster"]) as executor:
         if store is None:
             files = Outputs(out or [Path("sweep")])
         else:
-            options |= dict(store=target, executor=executor)
+            options |= dict(store=kept, executor=executor)
             # a share of a store is not drawn
             files = _of_store(store, out) if storing["share"] is None else None
         return _swept(run, case, grid, files, show, **options)
@@ -209,8 +209,13 @@ def make_grid(scene: Scene, *axes: Axis, log: Sequence[str] = (), sample: int | 
     return sample_box(box, sample, log=log, scene=scene)
 
 
-def _target(
-    store: Path | None, *, share: str | None, tile: int | None, fresh: bool, **engines: int | str | None
+def target(
+    store: Path | None,
+    *,
+    share: str | None,
+    tile: int | None = None,
+    fresh: bool = False,
+    **engines: int | str | None,
 ) -> "Store | None":
     """Return the store that options describe; None without --store."""
     from ..sweeps.store import Store
@@ -220,7 +225,7 @@ def _target(
             require(not value, f"--{name}", "come with --store", value)
         return None
     # processes of this machine, or those of a cluster
-    alone = None in engines.values()
+    alone = not engines or None in engines.values()
     require(alone, "--cluster", "not be given with --processes", engines["cluster"])
     make_folder(store.parent, store)
     numbers = None

@@ -19,7 +19,7 @@ from ..analysis.quantiles import (
     whole_rails,
 )
 from ..flow.numbers import ONE_PERIOD, AbstractNumber
-from ..flow.status import MEANINGS, is_lost, with_accuracy
+from ..flow.status import MEANINGS, Status, is_lost, with_accuracy
 from ..model.dynamics import State
 from ..model.kinematics import Motion
 from ..model.parameters import START
@@ -121,7 +121,8 @@ def compare(
     ds = run(scene, cases, **of_runs, **options).ds
     numbers = _numbers(of_windows, ds, mean_over)
     status = ds["status"].values.copy()
-    lost = np.flatnonzero(is_lost(status))
+    # one impact among thousands may need more steps; runs of other shares of a store are not there yet
+    lost = np.flatnonzero(is_lost(status) & (status != Status.NOT_RUN))
     # one impact among thousands may need more steps
     if len(lost):
         again = {name: values[lost] for name, values in cases.items()}

@@ -7,6 +7,7 @@ other than 0, or in the right number. None is silent, and none ends in another k
 import re
 import warnings
 
+import diffrax
 import jax
 import numpy as np
 import pytest
@@ -68,6 +69,9 @@ FINE = dict(solver=sj.solvers.Tsit5(), stepsize_controller=sj.solvers.AdaptiveSt
     # counts
     *((rf"`periods` must be a whole number of \d+ or more, but is {n!r}", lambda n=n: simulate(periods=n))
       for n in (-1, True, "3", 2.5)),
+    ("`count` must be at most 10", lambda: sj.lyapunov_spectrum(PAPER, **SHORT, align=0, count=11)),
+    ("`steps_per_period` must have one number or one for each case", lambda: sweep(steps_per_period=[50, 50])),
+    ("`saves_per_period` must divide steps_per_period = 100", lambda: sweep(record="history", saves_per_period=7)),
     # parameters and parts of the scene
     *((f"`speed` must be positive, but is {words}", lambda v=v: sj.paper_scene(speed=v))
       for v, words in ((None, "None"), (INF, "inf"), (1 + 2j, r"\(1"), ("4500 kg", "'4500 kg', not a number"))),
@@ -77,14 +81,18 @@ FINE = dict(solver=sj.solvers.Tsit5(), stepsize_controller=sj.solvers.AdaptiveSt
     ("`memory` must be .*, but is <class", lambda: sj.paper_scene(memory=sj.model.SmoothSwitch)),
     ("`contact` must be .*, but is <class", lambda: scene(contact=sj.model.Flores)),
     (r"`inertia` must be of shape \(3\), but has shape \(4,\)", lambda: slipper(inertia=(1.0, 1.0, 1.0, 1.0))),
+    ("`gravity` must be zero or positive, but is -9.81", lambda: scene(gravity=-9.81)),
     ("`points` must be in an order in which the faces' normals", lambda: section(points=POINTS[::-1])),
     ("`points` must have two different corners", lambda: section(points=np.zeros((10, 2)) + POINTS[0])),
     ("`points` must have two points per face", lambda: section(points=POINTS.T)),
     ("`play` must have one value per face", lambda: section(play=1e-3)),
+    ("`names` must ", lambda: section(names=("A", "A", *"CDEFGHIJ"))),
     *(("`faces` must ", lambda face=face: section(faces=(face, *FACES[1:]))) for face in (("J", "A", "B"), FACES[1])),
     ("`faces` must name points, but is [(]'Z'", lambda: section(faces=(("Z", "A"), *FACES[1:]))),
     # other values of named parameters
+    ("`sped` is no parameter; the names are speed", lambda: PAPER.replace(sped=1.0)),
     ("`speed` must be ", lambda: PAPER.replace(speed=[])),
+    ("`steps_per_period` must be given: the default", lambda: sj.simulate(PAPER.replace(restitution=1e-6), 3)),
     # starts
     ("`start` must be finite, but its w_y is inf", lambda: started(w_y=INF)),
     ("`start` must be .* its v_z is", lambda: started(v_z=[0.5, 0.5])),
@@ -93,13 +101,21 @@ FINE = dict(solver=sj.solvers.Tsit5(), stepsize_controller=sj.solvers.AdaptiveSt
     # solvers, controllers, other options
     ("`solver` must be a solver, as in RK4.*, but is the class", lambda: simulate(solver=sj.solvers.RK4)),
     ("`solver` must be one of RK4, .* but is 'rk4'", lambda: sj.follow(PAPER, AT, **SHORT, solver="rk4")),
+    ("`solver` must be a one-step method .* but is S", lambda: simulate(solver=diffrax.SemiImplicitEuler())),
     ("`solver` must be one with an error estimate", lambda: simulate(stepsize_controller=sj.solvers.AdaptiveSteps())),
     ("`adjoint` must be .*, but is 'forward'", lambda: simulate(**FINE, adjoint="forward")),
+    ("`rho_inf` must be from 0 to 1, but is nan", lambda: sj.solvers.TwoStep(rho_inf=NAN)),
+    ("`probe` must be 0 under jit", lambda: jax.jit(lambda v: simulate(PAPER.replace(speed=v), probe=1))(9.0)),
     ("`steps_per_period` must be", lambda: jax.jit(lambda n: simulate(steps_per_period=n))(50)),
     # grids and paths
+    ("`grid` must have lists of one length", lambda: sweep(AT | {"length": [0.2, 0.3]}, product=False)),
+    ("`speed` must have a list of one or more values", lambda: sweep({"speed": [[1250.0, 1300.0]]})),
     ("`speed` must have a list of one or more values", lambda: sweep({"speed": []})),
+    ("`restitution` must be above 0 and at most 1, but is 1.5", lambda: sweep({"restitution": [0.9, 1.5]})),
     ("`start_y` must be finite, but is nan", lambda: sweep({"start_y": [NAN]})),
     ("`v_y` is no parameter.* Did you mean start_v_y?", lambda: sweep({"v_y": [1.0]})),
+    ("`record` must give each variable once", lambda: sj.follow(PAPER, AT, **SHORT, record=["sections", "strobe"])),
+    ("`path` must name one parameter", lambda: sj.follow(PAPER, {"speed": [1300.0, 1250.0]}, **SHORT)),
     ("`path` must name one parameter with increasing values", lambda: jump({"speed": [1250.0] * 2})),
     ("`direction` must be one of up, down, but is 'left'", lambda: jump(direction="left")),
     ("`within` must be .*, but is 0", lambda: jump(within=0.0)),
@@ -132,14 +148,20 @@ GRAMS = (51, 60, 86)
         ("length", 200.0, "200 m"), ("clearance", 1.0, "1 m"), ("amplitude", 1.0, "1 m"),
         ("roll_amplitude", 0.2, "0.2 rad"), ("speed", 1.25, "1.25 m/s"), ("stiffness", 1e8 / 10**4.5, "3162.28 N/m"),
         ("wavelengths", (8000.0,), "8000 m"))),
+    ("`gravity` is 9810 m/s", lambda: scene(gravity=9810.0)),
+    ("`inertia` is 86000 kg", lambda: scene(slipper=slipper(inertia=(51e3, 60e3, 86e3)))),
+    ("`points` is 48 m", lambda: section(points=POINTS * 1e3)),
     ("`points` has its origin, .* outside of the section", lambda: section(points=POINTS + np.array([0.0, 0.1]))),
     ("`mass` is 14000 kg; plausible are 0.1", lambda: scene(slipper=slipper(mass=14e3, inertia=GRAMS))),
     ("radius of gyration of .* slipper lengths", lambda: scene(slipper=slipper(inertia=GRAMS))),
     ("`inertia` has a moment greater than the sum", lambda: slipper(inertia=(0.05, 0.06, 0.2))),
     ("`relaxation` is 1 s", lambda: sj.model.SmoothSwitch(relaxation=1.0)),
+    ("`slowest` is 1000 m/s", lambda: sj.model.EventLatch(slowest=1e3)),
     ("`speed` is 0.001 m/s", lambda: PAPER.replace(speed=[1250.0, 1e-3])),
     ("`clearance` is 2 m", lambda: counted_wrong(sj.sweep, {"clearance": [1.0, 2.0]})),
     ("`start_v_y` is 500 m/s", lambda: counted_wrong(sj.sweep, {"start_v_y": [500.0]})),
+    ("`length` is 200 m", lambda: counted_wrong(sj.follow, {"length": [200.0]})),
+    ("`amplitude` is 2 m", lambda: counted_wrong(sj.lyapunov_sweep, {"amplitude": [1.0, 2.0]})),
     # one, though a batch has eight
     ("^A start lies outside the play", lambda: sweep(start=sj.Motion(y=5e-3))),
     *(("start lies outside the play", lambda of=of: outside(**of)) for of in ({"y": 1.0}, {"q_x": 2.0})),
@@ -156,9 +178,13 @@ def test_wrong_units_are_warned_of(words, given):
 @pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")
 @by_words(
     (Status.NOT_FINITE, lambda: started(v_y=1e6)),
+    (Status.NOT_FINITE, lambda: simulate(sj.paper_scene(roll_amplitude=1.6))),
     (Status.PRESSED_IN, lambda: started(v_y=500.0)),
     (Status.NO_CONTACT, lambda: simulate(sj.paper_scene(clearance=1.0))),
+    (Status.NO_CONTACT, lambda: sweep(case=sj.paper_scene(clearance=1.0))),
     (Status.TOO_FEW_STEPS, lambda: simulate(PAPER.replace(stiffness=1e13))),
+    (Status.TOO_FEW_STEPS, lambda: simulate(PAPER.replace(mass=0.01))),
+    (Status.TOO_FEW_STEPS, lambda: sweep(case=PAPER.replace(stiffness=1e13))),
 )
 def test_lost_runs_have_a_status(words, given):
     found = set(np.ravel(given().status).tolist())
@@ -198,6 +224,7 @@ REGIMES = ["lyapunov", "--over", "speed", "1000", "1200", "2"]
       for out in (".", "/")),
     ("--out", ["simulate", "--out", ""]),
     ("--set must be a name and a value", ["simulate", "--set", "mass"]),
+    ("`mass` must be in a unit like kg", ["simulate", "--set", "mass=3 m"]),
     ("`wieght` is no parameter", ["simulate", "--set", "wieght=3"]),
     ("must have a number of 0 to 4", ["simulate", "--set", "section.play.9=1e-3"]),
     ("--set must not give speed, which another option", ["simulate", "--speed", "800", "--set", "speed=900"]),
@@ -209,10 +236,12 @@ REGIMES = ["lyapunov", "--over", "speed", "1000", "1200", "2"]
     ("--over", [*OVER, "2500"]),
     ("`speed` must be a number with a unit", [*OVER, "fast", "3"]),
     ("`speed` must be in a unit like m/s, but is in 'mm'", [*OVER, "3 mm", "3"]),
+    ("`speed` must be positive, but is nan", [*OVER, "nan", "3"]),
     ("--log must name a parameter of --over or --by", [*OVER, "2500", "3", "--log", "length"]),
     ("--over must have values above zero", ["bifurcation", "--over", "speed", "0", "9", "3", "--log", "speed"]),
     ("No such option '--by'", [*OVER, "2500", "3", "--by", "length", "1", "2", "2"]),
     ("--by must name another parameter than --over", [*REGIMES, "--by", "speed", "1", "2", "2"]),
+    ("`count` must be at most 10", [*REGIMES, "--count", "11"]),
     ("`transient` must be a whole number of 20 or more, but is 5", [*REGIMES, "--transient", "5"]),
     ("`figures` must be one of 4", ["reproduce", "3"]),
     ("--speed", ["--speed", "1250"]),

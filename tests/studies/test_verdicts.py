@@ -90,6 +90,7 @@ def test_speeds_as_claimed_and_others_are_reproduced(run):
 
 
 NAN = math.nan
+SMALL = CLEARANCES[CLEARANCES < 2.575] * 1e-3
 
 
 @pytest.mark.parametrize(
@@ -99,14 +100,23 @@ NAN = math.nan
         ("speed", 1650.0, 2, NAN, {"N6"}, {"N6": "1660..1810 m/s"}),
         # far from every place that a claim names
         ("speed", [300.0, 1740.0], 3, NAN, (), {"N6": "1660..1730, 1750..1810 m/s"}),
+        # whatever its numbers are: DERAILED and TOO_FEW_STEPS cases have finite ones
+        ("speed", [300.0, 1400.0], 2, 1e9, (), {}),
         (
             *("speed", SPEEDS, 1, NAN, {"N4 period-3", "N4 period-1", "N4 jump", "N5", "N6", "N7"}),
             {"N4 jump": "no neighbours to compare", "N7": "nan and nan times..."},
         ),
-        ("clearance", [1.5e-3, 2.4e-3], 1, NAN, (), {"N11": "2.575..5 mm", "N10 brief": "1.675 mm"}),
+        (
+            *("clearance", [1.5e-3, 2.4e-3], 1, NAN, ()),
+            {"N11": "2.575..5 mm", "N10 brief": "1.675 mm"},
+        ),
         # the chaotic range begins right after flagged cases, which may be chaotic as well
         ("clearance", [2.525e-3, 2.55e-3], 1, NAN, {"N11"}, {}),
-        # whatever its numbers are: DERAILED and TOO_FEW_STEPS cases have finite ones
+        # with too many flagged cases nothing is said of all of them
+        (
+            *("clearance", SMALL[::2], 1, NAN, {"N10 growth", "N10 period-1", "N10 pitch", "N11"}),
+            {"N10 growth": "v_y: r = 1.00..."},
+        ),
         ("length", 0.3, 2, 1e9, (), {"N12 constant": "spread 0.000 and 0.000 m/s"}),
         # a sixth of the cases is not known
         ("length", LENGTHS[80:104], 1, NAN, {"N12 constant"}, {"N12 constant": "spread 0.000 and 0.000 m/s"}),
@@ -115,6 +125,7 @@ NAN = math.nan
             *("speed_exponents", [300.0, 310.0], 1, NAN, ()),
             {"N8 window": "480..490...", "N8 low": "95% of the cases"},
         ),
+        ("speed_exponents", [300.0, 310.0], 3, 0.5, (), {"N8 low": "95% of the cases"}),
         # at the window's edge they may be calm, and many count against a claim about nearly all
         ("speed_exponents", 470.0, 1, NAN, {"N8 window"}, {}),
         ("speed_exponents", SPEEDS[:10], 1, NAN, {"N8 low"}, {"N8 low": "84% of the cases..."}),
@@ -122,6 +133,7 @@ NAN = math.nan
             *("clearance_exponents", [1.675e-3, 2.575e-3], 1, NAN, {"N11 LLE brief", "N11 LLE"}),
             {"N11 LLE brief": "nowhere mm", "N11 LLE": "2.6..5 mm"},
         ),
+        ("length_exponents", 0.1525, 1, NAN, {"N12 LLE"}, {"N12 LLE": "0.1..0.15 m"}),
     ],
 )
 def test_a_flagged_speed_or_another_case_supports_no_claim(run, at, status, number, lost, texts):
