@@ -72,8 +72,8 @@ def rms_of_lines(frequency: Numbers, density: Numbers) -> float:
 
     **Arguments:** `frequency` [Hz] and `density` [unit^2/Hz] of the breakpoints.
     """
-    f = np.asarray(frequency, float)
-    level = np.asarray(density, float)
+    f = numbers("frequency", frequency, 1, "Hz")
+    level = numbers("density", density, 1)
     slope = np.diff(np.log(level)) / np.diff(np.log(f))
     # a density that falls with 1/f has a logarithm as its integral
     is_log = np.abs(slope + 1) < 1e-9

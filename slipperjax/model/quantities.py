@@ -123,18 +123,14 @@ def _kinds(unit: str) -> tuple[list[str], bool]:
 
     **Raises:** `ValueError` for a unit whose kind is not in `KINDS`.
     """
-    kinds = []
     for si in KINDS:
         # pint raises an error for a unit of another kind
         with suppress(ValueError):
-            unit_factor("units", unit, si)
-            kinds.append(si)
+            long = unit_factor("units", unit, si) > LONG and si == "m"
+            # energies and moments have the same dimension; a single word such as kJ is of energies
+            return ([si, "N m"] if si == "J" and " " in unit else [si]), long
     need = f"be units of {', '.join(KINDS.values())}, such as ft, lbf and g"
-    require(kinds, "units", need, shown=brief(unit))
-    # energies and moments have the same dimension; a single word such as kJ is of energies
-    if "J" in kinds and " " not in unit:
-        kinds.remove("N m")
-    return kinds, kinds == ["m"] and unit_factor("units", unit, "m") > LONG
+    raise ValueError(f"Argument `units` must {need}, but has {brief(unit)}.")
 
 
 def _named(*quantities: Quantity) -> dict[str, Quantity]:

@@ -478,6 +478,8 @@ class _Reader:
         except TableError:  # this error names its own file
             raise
         except ValueError as error:
+            if str(error).startswith(f"{self.file}, line "):
+                raise  # this error has its line
             names: Any = self.tables
             for word in filter(None, table.split(".")):
                 names = names.get(word, {}) if isinstance(names, dict) else {}

@@ -183,6 +183,7 @@ class SpeedProgramme(ShapeChecked):
         return cls(distance[order], speed[order], time=time[order])
 
     def __check_init__(self):
+        instance("source", self.source, str, "the name of a file, or empty")
         check_table(self, "distance", "speed", least=2)
         if self.time is not None and not is_traced(self.time):
             increasing = self.time.shape == self.distance.shape and np.all(np.diff(np.asarray(self.time)) > 0)

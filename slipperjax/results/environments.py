@@ -34,11 +34,14 @@ def tables(ds: xr.Dataset, units: Units = None) -> dict[str, pd.DataFrame]:
                     one = values.sel(direction=direction, summary=name)
                     columns[f"{kind} {direction} {name} [{unit}]"] = one.values
         rows.append(pd.DataFrame(columns))
-    return {"bands": pd.concat(rows, ignore_index=True), "specification": _specification(ds)}
+    return {"bands": pd.concat(rows, ignore_index=True)} | _specification(ds)
 
 
-def _specification(ds: xr.Dataset) -> pd.DataFrame:
-    """Return the straight-line specification, a row for each breakpoint of each place and direction, in g^2/Hz."""
+def _specification(ds: xr.Dataset) -> dict[str, pd.DataFrame]:
+    """Return the straight-line specification, a row for each breakpoint of each place and direction, in g^2/Hz; no
+    table where a result has none."""
+    if "specification_frequency" not in ds:
+        return {}
     tables = []
     for at in places_of(ds):
         for direction in at["direction"].values:
@@ -52,13 +55,16 @@ def _specification(ds: xr.Dataset) -> pd.DataFrame:
                 "g-RMS": float(one["specification_rms"]),
             }
             tables.append(pd.DataFrame(columns))
-    return pd.concat(tables, ignore_index=True)
+    return {"specification": pd.concat(tables, ignore_index=True)}
 
 
 def report(ds: xr.Dataset, units: Units = None) -> list[str]:
     """Return the text of a report: results, what they were made from, and the specification."""
-    table = _specification(ds).to_string(index=False, float_format="{:.4g}".format)
-    return [*summary(ds), "", *_stated(ds), "", "Specification", "", *table.splitlines()]
+    lines = [*summary(ds), "", *_stated(ds)]
+    for table in _specification(ds).values():
+        text = table.to_string(index=False, float_format="{:.4g}".format)
+        lines += ["", "Specification", "", *text.splitlines()]
+    return lines
 
 
 def _stated(ds: xr.Dataset) -> list[str]:
@@ -110,7 +116,8 @@ def summary(ds: xr.Dataset, units: Units = None) -> list[str]:
             f"highest shock response {three_digits(shock.max())} g along {worst} at {three_digits(frequency)} Hz; "
             f"level within 6 dB of its highest for {greatest['duration'][strongest]:.3g} s along {strongest}"
         )
-        of_lines = at["specification_rms"].to_series()
-        most = of_lines.idxmax()
-        lines.append(f"specification along {most}: {_points(at.sel(direction=most))}; {of_lines[most]:.3g} g-RMS")
+        if "specification_rms" in at:
+            of_lines = at["specification_rms"].to_series()
+            most = of_lines.idxmax()
+            lines.append(f"specification along {most}: {_points(at.sel(direction=most))}; {of_lines[most]:.3g} g-RMS")
     return lines

@@ -88,7 +88,7 @@ FINE = dict(solver=sj.solvers.Tsit5(), stepsize_controller=sj.solvers.AdaptiveSt
     ("`play` must have one value per face", lambda: section(play=1e-3)),
     ("`names` must ", lambda: section(names=("A", "A", *"CDEFGHIJ"))),
     *(("`faces` must ", lambda face=face: section(faces=(face, *FACES[1:]))) for face in (("J", "A", "B"), FACES[1])),
-    ("`faces` must name points, but is [(]'Z'", lambda: section(faces=(("Z", "A"), *FACES[1:]))),
+    ("`faces` must name points, but is [(][(]'Z'", lambda: section(faces=(("Z", "A"), *FACES[1:]))),
     # other values of named parameters
     ("`sped` is no parameter; the names are speed", lambda: PAPER.replace(sped=1.0)),
     ("`speed` must be ", lambda: PAPER.replace(speed=[])),

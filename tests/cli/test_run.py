@@ -186,7 +186,7 @@ RUN = '[run]\nlength = "5 m"\n'
 @pytest.mark.parametrize(
     ("table", "words"),
     [
-        ("", "must be a TOML file with a table [run], but is"),
+        ("", "must be a TOML file with a table [run], or a run, but is"),
         ("run = 5", "sled.toml, line 2: `run` must be a table, [run], but is 5."),
         ("[run]", "sled.toml, line 2: Argument `run` must have `length`"),
         ('[run]\nlength = "5 kg"', "sled.toml, line 3: `length` must be in a unit like m, but is in 'kg'"),
@@ -288,7 +288,8 @@ def test_designs_are_compared_told_and_written(file, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--rails", "3"], "Option --rails must come with --over, but is 3"),
+        (["--rails", "3", "--starts", "2"], "Option --starts must come with --over, but is 2"),
+        (["--share", "1/2", "--rails", "8"], "--share must come with --store, but is 1/2"),
         (["--over", "clearance", "0.8"], "have a parameter and two or more values"),
         (["--over", "clearence", "0.8", "1"], "Argument `clearence` is no parameter"),
         (

@@ -123,7 +123,7 @@ def test_headers_have_the_units_of_their_numbers():
         ("peak_force [kN]", "peak_force [lbf]", 4.4482216152605e-3),
         ("rms_a_z [m/s^2]", "rms_a_z [g]", 9.80665),
         ("time [s]", "time [s]", 1.0),
-        ("friction_work [J]", "friction_work [J]", 1.0),
+        ("friction_work [J]", "friction_work [ft lbf]", 0.3048 * 4.4482216152605),
         ("impacts", "impacts", 1.0),
     ):
         np.testing.assert_allclose(feet[other] * factor, plain[name], rtol=1e-12)

@@ -10,13 +10,13 @@ import optimistix as optx
 import pytest
 
 import slipperjax as sj
+from slipperjax.flow.record import RecordSet
 from slipperjax.model.linearised import LinearSystem, dense_linearised
 from slipperjax.solvers.latching import calls_lapack, solver_name
 from slipperjax.solvers.named import OWN_SOLVERS
 from slipperjax.solvers.twostep import two_step_weights
-from slipperjax.sweeps.call import Call
+from slipperjax.sweeps.call import Call, make_plan
 from slipperjax.sweeps.grid import Grid
-from slipperjax.sweeps.plan import make_plan
 
 from ..common import cases, scaled_errors, scene_of
 
@@ -121,7 +121,7 @@ def test_solvers_that_call_lapack_run_on_one_thread():
     scene = sj.paper_scene()
     grid = Grid(scene, {"speed": np.linspace(1000, 1100, 41)})
     for solver, threads, with_tangents in ((newton, 1, 1), (diffrax.Kvaerno5(), 2, 1), (sj.solvers.RK4(), 2, 2)):
-        plan = make_plan(grid, sj.table_2_start(), Call(0, 1, solver=solver))
+        plan = make_plan(grid, sj.table_2_start(), Call(0, 1, solver=solver), RecordSet())
         assert plan.chunks(chunk=8, workers=2)[1] == threads
         assert plan.chunks(chunk=8, workers=2, tangents=True)[1] == with_tangents
 

@@ -64,7 +64,7 @@ YEARS = {
         lambda s, at: sj.period_map(s, sj.initial_state(s), periods=10**12),
     ],
     "1000000000000 points need about 8 TB": [lambda s, at: sj.sweeps.sample_box({"speed": (1e3, 2e3)}, 10**12)],
-    "1000000000000 forcing periods of 40 steps need about": [lambda s, at: sj.lyapunov_spectrum(s, periods=10**12)],
+    "10000000002.. forcing periods of 40 steps need about": [lambda s, at: sj.lyapunov_spectrum(s, periods=10**12)],
     "`refine` must be at most": [lambda s, at: sj.sweep(s, TWO, refine=10**9)],
     "`period` must be at most": [
         lambda s, at: sj.periodic_orbit(s, 10**9),

@@ -44,7 +44,7 @@ def test_a_second_process_takes_what_the_first_compiled(tmp_path, monkeypatch):
     assert misses > 0
     assert has_cache
     # the self-test of the fast form has passed, and is not repeated
-    assert in_process(tmp_path / "cache") == (misses - 1, 0, True)
+    assert in_process(tmp_path / "cache") == (1, 0, True)
     for path in ((tmp_path / "cache"), *(tmp_path / "cache").iterdir()):
         assert path.stat().st_mode & 0o777 == 0o700
     monkeypatch.setenv("SLIPPERJAX_CACHE", "off")
