@@ -9,7 +9,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
-from ..tools.checks import check_no_clock, finite, not_negative, number, positive, require, tuple_of
+from ..tools.checks import check_no_clock, finite, instance, not_negative, number, positive, require, tuple_of
 from ..tools.compile import at_once
 from ..tools.fields import ShapeChecked, check_table, field
 from ..tools.tracing import is_traced

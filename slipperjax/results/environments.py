@@ -69,6 +69,8 @@ def report(ds: xr.Dataset, units: Units = None) -> list[str]:
 
 def _stated(ds: xr.Dataset) -> list[str]:
     """Return what an environment was made from: rails, speeds, windows, margin, files, versions and the day."""
+    if "windows of densities" not in ds.attrs:
+        return []
     call = json.loads(ds.attrs["call"])
     low, high = (ds.attrs[f"{end} speed [m/s]"] for end in ("lowest", "highest"))
     window, count = ds.attrs["window of densities [s]"], ds.attrs["windows of densities"]

@@ -199,8 +199,8 @@ def test_flagged_cases_are_named(replaced, tmp_path, capsys):
     (_, grid), options = sweep.call_args
     assert grid == {"section.play.2": pytest.approx(values)}
     assert (options["transient"], options["periods"]) == (300, 10)
-    # the clearance depends on what is varied
-    case = "speed 1250 m/s, length 0.2 m, from Table 2's start"
+    # clearance and vertical play depend on what is varied
+    case = "speed 1250 m/s, lateral play 1 mm, length 0.2 m, from Table 2's start"
     assert f"\n{case}\n4 cases, 310 + 10 periods, 50 to 150 steps per period\n" in text
     assert f"\n3 cases flagged (1 {Status.NOT_FINITE} and 2 {Status.TOO_FEW_STEPS})\n" in text
     xr.testing.assert_identical(dataset(out), made)

@@ -224,7 +224,7 @@ REGIMES = ["lyapunov", "--over", "speed", "1000", "1200", "2"]
       for out in (".", "/")),
     ("--out", ["simulate", "--out", ""]),
     ("--set must be a name and a value", ["simulate", "--set", "mass"]),
-    ("`mass` must be in a unit like kg", ["simulate", "--set", "mass=3 m"]),
+    ("`mass` must be positive, but is '3 m', not a number in kg", ["simulate", "--set", "mass=3 m"]),
     ("`wieght` is no parameter", ["simulate", "--set", "wieght=3"]),
     ("must have a number of 0 to 4", ["simulate", "--set", "section.play.9=1e-3"]),
     ("--set must not give speed, which another option", ["simulate", "--speed", "800", "--set", "speed=900"]),
