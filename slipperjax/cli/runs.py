@@ -171,9 +171,9 @@ def _over_rails(case: Case, options: dict[str, object], ensemble: Mapping[str, A
     assert case.file is not None
     sized = {"quantiles": ensemble["quantiles"]} | (case.file.loads or {})
     check_loads(case.scene, sized.get("means", ()), sized.get("cuts", ()))
+    store = _store(ensemble, ensemble["rails"])
     scene, rails = on_rails(case.scene, ensemble["rails"])
     require(rails, "--rails", "be 2 or more", ensemble["rails"])
-    store = _store(ensemble, ensemble["rails"])
     with keeping(_kept(store), None if store is None else store.path):
         ran = over_rail(
             scene, rails, product=False, **options, record=_records(case, options), store=store, progress=True

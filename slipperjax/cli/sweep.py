@@ -226,7 +226,7 @@ def target(
         return None
     # processes of this machine, or those of a cluster
     alone = not engines or None in engines.values()
-    require(alone, "--cluster", "not be given with --processes", engines["cluster"])
+    require(alone, "--cluster", "not be given with --processes", engines.get("cluster"))
     make_folder(store.parent, store)
     numbers = None
     if share is not None:

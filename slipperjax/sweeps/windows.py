@@ -82,7 +82,7 @@ SPINS = ("w_x", "w_y", "w_z")
 
 @dataclass(frozen=True)
 class LoadHistory(AbstractNumber):
-    """Net loads of slippers at equal distances; `slipperjax.sweeps.loads` computes loads that size parts from them."""
+    """Net loads of slippers at equal distances; `slipperjax.sweeps.loads` makes loads that size parts from them."""
 
     samples: int = 64
     """Samples in each window of distance."""
