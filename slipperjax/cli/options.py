@@ -442,7 +442,7 @@ def _as_file(result: "AbstractResult") -> SceneFile | None:
     call = result.call
     if call["function"] != "run":
         return None
-    names = ("length", "begin", "window", "steps_per_period", "refine", "solver")
+    names = ("length", "begin", "window", "record", "steps_per_period", "refine", "solver")
     asked = {name: call[name] for name in names if call.get(name) is not None}
     units = tuple(json.loads(result.ds.attrs.get("shown_units", "[]")))
     return SceneFile(result.scene, result.start, asked, units, None, None, [])

@@ -134,8 +134,10 @@ def _single(case: Case, options: dict[str, object], files: Outputs) -> int:
         )
         if asked is not None
     ]
+    # a run that is repeated keeps its records
+    options.setdefault("record", _records(case, options))
     with keeping(files.keep):
-        ran = over_rail(case.scene, **options, record=_records(case, options), probe=3, progress=True)
+        ran = over_rail(case.scene, **options, probe=3, progress=True)
     _keep_units(ran, case)
     said(files.write(ran), case.text(start=_start(case)), *ran.summary())
     lost = is_lost(int(ran.status))
@@ -174,10 +176,9 @@ def _over_rails(case: Case, options: dict[str, object], ensemble: Mapping[str, A
     store = _store(ensemble, ensemble["rails"])
     scene, rails = on_rails(case.scene, ensemble["rails"])
     require(rails, "--rails", "be 2 or more", ensemble["rails"])
+    options.setdefault("record", _records(case, options))
     with keeping(_kept(store), None if store is None else store.path):
-        ran = over_rail(
-            scene, rails, product=False, **options, record=_records(case, options), store=store, progress=True
-        )
+        ran = over_rail(scene, rails, product=False, **options, store=store, progress=True)
     if _is_share(store):
         return 0
     report = loads(ran, over="case", **sized)

@@ -1,7 +1,7 @@
 """Commands that show what a result holds and how it was made, and what differs between two results."""
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,97 +9,104 @@ import click
 import numpy as np
 
 from ..flow.datasets import function_of
+from ..model.parameters import PARAMETERS
+from ..model.quantities import NET_DIMS, ShownUnits
 from ..tools.checks import require
+from ..tools.files import listed, write_each
 from .files import Outputs, said
 from .options import INPUT, app, option
 
 if TYPE_CHECKING:
+    import pandas as pd
     import xarray as xr
 
-    from ..results.result import Result
-
 SHOWN = 12
-"""Most differences between two scenes that are listed."""
-DEFAULTS = ("function", "only")
-"""Parts of a call that are no arguments of a user."""
-MISSING = "none"
+"""Most differences between two results that are listed."""
+LONG = 4
+"""Most values of a list that are shown."""
+OWN = ("function", "only", "record")
+"""Parts of a call that are no differences between two results of one function."""
+PARTS = ("slipper", *NET_DIMS, "mean", "quantile")
+"""Dimensions whose values are compared apart."""
 
 
-def _result(path: Path) -> "Result":
-    """Return the result in a file or a store."""
+def _dataset(path: Path) -> "xr.Dataset":
+    """Return the dataset of the result in a file or a store."""
     from ..results.result import AbstractResult
     from ..sweeps.loading import load
 
     found = load(path)
     require(isinstance(found, AbstractResult), "FILE", "be a result such as run.nc", str(path))
-    return found  # type: ignore[return-value]
+    return getattr(found, "ds")  # noqa: B009 - a scene's file has none
 
 
 @app.command()
 @click.argument("file", metavar="FILE", type=INPUT)
-@click.option("--units", multiple=True, help="Unit of shown numbers, such as ft, lbf or g; repeat for several.")
-def show(file: Path, units: Sequence[str]) -> int:
+@option("--units", str, "Unit of shown numbers, such as ft, lbf or g; repeat for several.", multiple=True, default=())
+def show(file: Path, units: tuple[str, ...]) -> int:
     """Show what FILE, a result such as run.nc, holds: its question, scene, files with their digests, and numbers.
 
     To repeat a run with one change: slipperjax run run.nc --set play.vertical="0.1 in".
     """
-    result = _result(file)
-    ds = result.ds
-    said(f"{file}: {function_of(ds)}", *_asked(ds), *_scene_lines(ds), *_files(ds), *_versions(ds), "")
-    said(*result.summary(units or None))
+    from ..sweeps.loading import load
+
+    ds = _dataset(file)
+    chosen = _units(ds, units)
+    scene = ", ".join(parameters_of(ds, chosen).values())
+    said(f"{file}: {function_of(ds)}", *_asked(ds), f"scene: {scene}", *_sources(ds), "")
+    said(*load(ds).summary(units or None))  # pyright: ignore[reportAttributeAccessIssue] - a dataset is a result
     return 0
 
 
+def _units(ds: "xr.Dataset", units: tuple[str, ...] = ()) -> ShownUnits:
+    from ..plots.style import shown_units
+
+    return ShownUnits(units) if units else shown_units(ds)
+
+
+def parameters_of(ds: "xr.Dataset", units: ShownUnits) -> dict[str, str]:
+    """Return the parameters of a result's scene by name, each as a text with its name and its value."""
+    heads = {name: name if q.unit == "1" else f"{name} [{q.unit}]" for name, q in PARAMETERS.items()}
+    known = {name: ds.attrs[head] for name, head in heads.items() if head in ds.attrs}
+    return {name: units.of(PARAMETERS[name]).named(value) for name, value in known.items()}
+
+
 def _asked(ds: "xr.Dataset") -> Iterator[str]:
-    """Yield the arguments of the call that differ from None, and the parameters that vary."""
+    """Yield the arguments of the call, and the parameters that vary."""
     call = json.loads(ds.attrs["call"])
-    given = {name: value for name, value in call.items() if name not in DEFAULTS and value not in (None, [], ())}
+    given = {name: _short(value) for name, value in call.items() if name not in OWN and value not in (None, [])}
     if given:
-        yield "asked: " + ", ".join(f"{name} {_short(value)}" for name, value in given.items())
+        yield "asked: " + ", ".join(f"{name} {value}" for name, value in given.items())
     for name in json.loads(ds.attrs.get("varied", "[]")):
-        values = np.ravel(ds[name].values)
+        values = np.unique(ds[name].values)
         unit = ds[name].attrs.get("units", "1")
-        shown = f"{values.min():g} to {values.max():g}" if values.size > 1 else f"{values[0]:g}"
-        yield f"over {name}: {len(np.unique(values))} values, {shown}{'' if unit == '1' else f' {unit}'}"
+        yield f"over {name}: {len(values)} values, {values[0]:g} to {values[-1]:g}{'' if unit == '1' else f' {unit}'}"
+
+
+def _sources(ds: "xr.Dataset") -> Iterator[str]:
+    """Yield the files that the scene was made from with their digests, and the versions of the code."""
+    numbers = dict(flattened(json.loads(ds.attrs.get("scene", "{}"))))
+    for path, value in numbers.items():
+        part, _, name = path.rpartition(".")
+        if name == "file" and value:
+            yield f"{part} from {value}, sha256 {numbers.get(f'{part}.sha256', 'unknown')}"
+        if name == "source" and value:
+            yield f"{part} from {value}"
+    versions = json.loads(ds.attrs.get("versions", "{}"))
+    yield "made by " + listed([f"{name} {number}" for name, number in versions.items()])
 
 
 def _short(value: object) -> str:
-    """Return a value of a call as a short text: a class by its name."""
+    """Return a value as a short text: a class by its name, a long list by its length."""
     if isinstance(value, dict):
         return str(value.get("type", "given")).rpartition(".")[2]
-    if isinstance(value, list) and len(value) > 4:
+    if isinstance(value, list) and len(value) > LONG:
         return f"[{len(value)} values]"
     return str(value)
 
 
-def _scene_lines(ds: "xr.Dataset") -> Iterator[str]:
-    """Yield the scene's parameters, and its parts by their kinds."""
-    from ..plots.style import case_title
-
-    title = case_title(ds, full=True)
-    if title:
-        yield f"scene: {title.replace(chr(10), ', ')}"
-
-
-def _files(ds: "xr.Dataset") -> Iterator[str]:
-    """Yield the files that the scene was made from, with their digests."""
-    for path, value in flattened(json.loads(ds.attrs.get("scene", "{}"))):
-        part, _, name = path.rpartition(".")
-        if name == "file" and value:
-            digests = dict(flattened(json.loads(ds.attrs["scene"])))
-            yield f"{part} from {value}, sha256 {digests.get(f'{part}.sha256', 'unknown')}"
-        if name == "source" and value:
-            yield f"{part} from {value}"
-
-
-def _versions(ds: "xr.Dataset") -> Iterator[str]:
-    versions = json.loads(ds.attrs.get("versions", "{}"))
-    if versions:
-        yield "made by " + ", ".join(f"{name} {number}" for name, number in versions.items())
-
-
 def flattened(value: object, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the numbers and texts of a description of a scene, by their paths."""
+    """Yield the numbers, lists of numbers and texts of a description of a scene, by their paths."""
     if isinstance(value, Mapping):
         for name, part in value.items():
             yield from flattened(part, f"{path}.{name}" if path else str(name))
@@ -113,77 +120,83 @@ def flattened(value: object, path: str = "") -> Iterator[tuple[str, Any]]:
 @app.command()
 @click.argument("first", metavar="FIRST", type=INPUT)
 @click.argument("second", metavar="SECOND", type=INPUT)
-@option("--out", Path, "File of the table: .csv or .xlsx.", default=None)
+@option("--out", Path, "CSV file of the table; for runs a further file has each window.", default=None)
 def compare(first: Path, second: Path, out: Path | None) -> int:
     """Compare two results of one kind, such as runs with two plays: what differs in scene and call, and each number.
 
-    Numbers are the greatest magnitudes over the run, of each slipper and axis. With --out also for each window.
+    Numbers are the greatest magnitudes over the run, of each slipper and axis.
     """
     import pandas as pd
 
-    results = [_result(path).ds for path in (first, second)]
-    functions = [function_of(ds) for ds in results]
-    require(functions[0] == functions[1], "SECOND", f"be of {functions[0]}, as {first}", functions[1])
-    lines = list(_differences(*results))
-    said(f"{first} and {second}: {functions[0]}", *(lines[:SHOWN] or ["the same scene and call"]))
+    a, b = _dataset(first), _dataset(second)
+    require(function_of(a) == function_of(b), "SECOND", f"be of {function_of(a)}, as {first}", function_of(b))
+    lines = list(_differences(a, b))
+    said(f"{first} and {second}: {function_of(a)}", *(lines[:SHOWN] or ["the same scene and call"]))
     if len(lines) > SHOWN:
         said(f"and {len(lines) - SHOWN} further differences")
-    table = pd.DataFrame(_greatest(*results), columns=["quantity", "first", "second", "change [%]"])
+    table = pd.DataFrame(_greatest(a, b), columns=["quantity", "first", "second", "change [%]"])
     said("", *table.to_string(index=False, float_format="{:.4g}".format).splitlines())
     if out is not None:
-        _write(Outputs([out]).paths[0], table, *results)
-        said(f"wrote {out}")
+        from ..results.writing import csv_files
+
+        (path,) = Outputs([out]).paths
+        require(path.suffix.lower() == ".csv", "--out", "end in .csv", path.name)
+        said(write_each(csv_files(path, {"greatest": table, **_windows(a, b)})))
     return 0
 
 
 def _differences(a: "xr.Dataset", b: "xr.Dataset") -> Iterator[str]:
-    """Yield the parts of scene and call that differ."""
-    for name in ("scene", "call"):
-        one, other = (dict(flattened(json.loads(ds.attrs.get(name, "{}")))) for ds in (a, b))
+    """Yield the parameters, and the parts of scene and call, that differ."""
+    units = _units(a)
+    one, other = (parameters_of(ds, units) for ds in (a, b))
+    for name in dict.fromkeys([*one, *other]):
+        if one.get(name) != other.get(name):
+            yield f"{one.get(name, f'no {name}')}, then {other.get(name, f'no {name}')}"
+    for attribute in ("scene", "call"):
+        one, other = (dict(flattened(json.loads(ds.attrs.get(attribute, "{}")))) for ds in (a, b))
         for path in dict.fromkeys([*one, *other]):
-            if one.get(path, MISSING) != other.get(path, MISSING):
-                yield f"{name} {path}: {_short(one.get(path, MISSING))}, then {_short(other.get(path, MISSING))}"
+            x, y = one.get(path), other.get(path)
+            # numbers with a name are above, and long lists say nothing
+            named = any(p.path == path for p in PARAMETERS.values()) or path.startswith(OWN)
+            if x != y and not named:
+                yield f"{attribute} {path}: {_short(x)}, then {_short(y)}"
 
 
 def _greatest(a: "xr.Dataset", b: "xr.Dataset") -> Iterator[tuple[str, float, float, float]]:
-    """Yield the greatest magnitude of each number of both results, of each slipper and axis, in SI units."""
-    from ..model.quantities import NET_DIMS
+    """Yield the greatest magnitude of each number of both results, of each slipper and axis, in a user's units."""
+    from ..plots.style import quantity_of
 
+    units = _units(a)
     for name, values in a.data_vars.items():
-        if name not in b or values.dtype.kind != "f" or set(values.dims) != set(b[name].dims):
+        # places are no magnitudes
+        is_number = values.dtype.kind == "f" and "units" in values.attrs and not str(name).endswith("distance")
+        if name not in b or not is_number or set(values.dims) != set(b[name].dims):
             continue
-        kept = [dim for dim in values.dims if dim in ("slipper", *NET_DIMS, "mean", "quantile")]
+        kept = [dim for dim in values.dims if dim in PARTS]
         over = [dim for dim in values.dims if dim not in kept]
         one, other = (abs(ds[name]).max(over).transpose(*kept) for ds in (a, b))
         if one.shape != other.shape:
             continue
+        q = units.of(quantity_of(str(name), a))
+        unit = "" if q.display_unit == "1" else f" [{q.display_unit}]"
         for at in np.ndindex(one.shape):
-            labels = " ".join(str(one[dim].values[k]) for dim, k in zip(kept, at, strict=True))
-            x, y = float(one.values[at]), float(other.values[at])
-            change = 100 * (y - x) / x if x else np.nan
-            unit = values.attrs.get("units", "")
-            yield f"{name} {labels}".strip() + (f" [{unit}]" if unit not in ("", "1") else ""), x, y, change
+            labels = "".join(f" {one[dim].values[k]}" for dim, k in zip(kept, at, strict=True))
+            x, y = (float(q.shown(part.values[at])) for part in (one, other))
+            yield f"{name}{labels}{unit}", x, y, 100 * (y - x) / x if x else np.nan
 
 
-def _write(path: Path, table: Any, a: "xr.Dataset", b: "xr.Dataset") -> None:
-    """Write the table, and for two runs of equal windows one with their greatest forces in each window."""
+def _windows(a: "xr.Dataset", b: "xr.Dataset") -> "dict[str, pd.DataFrame]":
+    """Return a table of the net forces of two runs in each window; none where the windows differ."""
     import pandas as pd
 
-    from ..tools.files import write_whole
-
-    tables = {"greatest": table}
-    same = "distance" in a.dims and np.array_equal(a["distance"], b["distance"])
-    if same and "peak_slipper_force" in a and "peak_slipper_force" in b:
-        columns = {"distance [m]": a["distance"].values}
-        for word, ds in (("first", a), ("second", b)):
-            force = ds["peak_slipper_force"]
-            others = [dim for dim in force.dims if dim != "distance"]
-            stacked = force.transpose("distance", *others)
-            for at in np.ndindex(stacked.shape[1:]):
-                labels = " ".join(str(force[dim].values[k]) for dim, k in zip(others, at, strict=True))
-                columns[f"{word} {labels} [N]"] = stacked.values[(slice(None), *at)]
-        tables["windows"] = pd.DataFrame(columns)
-    from ..results.writing import table_contents
-
-    for each, content in table_contents(path, tables).items():
-        write_whole(each, content())
+    name = "peak_slipper_force"
+    has = all(name in ds and "distance" in ds[name].dims for ds in (a, b))
+    if not has or not np.array_equal(a["distance"], b["distance"]):
+        return {}
+    columns = {"distance [m]": a["distance"].values}
+    for word, ds in (("first", a), ("second", b)):
+        force = ds[name].transpose("distance", ...)
+        for at in np.ndindex(force.shape[1:]):
+            labels = "".join(f" {force[dim].values[k]}" for dim, k in zip(force.dims[1:], at, strict=True))
+            columns[f"{word}{labels} [N]"] = force.values[(slice(None), *at)]
+    return {"windows": pd.DataFrame(columns)}

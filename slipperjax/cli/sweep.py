@@ -221,7 +221,7 @@ def target(
     from ..sweeps.store import Store
 
     if store is None:
-        for name, value in dict(tile=tile, fresh=fresh, share=share, **engines).items():
+        for name, value in dict(share=share, tile=tile, fresh=fresh, **engines).items():
             require(not value, f"--{name}", "come with --store", value)
         return None
     # processes of this machine, or those of a cluster

@@ -61,7 +61,7 @@ def contents_of(
         path = user_path(given, "paths")
         ending = check_ending(path)
         if ending == ".csv":
-            contents |= _tables(path, kind.tables(ds, units))
+            contents |= csv_files(path, kind.tables(ds, units))
         else:
             contents[path] = partial(_content, kind, ds, ending, units, options)
     return contents
@@ -105,7 +105,7 @@ def _matlab(ds: "xr.Dataset") -> Content:
     return content.getvalue()
 
 
-def _tables(path: Path, tables: "Mapping[str, pd.DataFrame]") -> dict[Path, Callable[[], Content]]:
+def csv_files(path: Path, tables: "Mapping[str, pd.DataFrame]") -> dict[Path, Callable[[], Content]]:
     """Return functions that make the files of tables: the main table at `path`, others with their names added."""
     contents = {}
     for k, (name, table) in enumerate(tables.items()):

@@ -289,7 +289,7 @@ def test_designs_are_compared_told_and_written(file, tmp_path, capsys):
     ("options", "words"),
     [
         (["--rails", "3", "--starts", "2"], "Option --starts must come with --over, but is 2"),
-        (["--share", "1/2", "--rails", "8"], "--share must come with --store, but is 1/2"),
+        (["--share", "1/2", "--rails", "8"], "--share must come with --store, but is '1/2'"),
         (["--over", "clearance", "0.8"], "have a parameter and two or more values"),
         (["--over", "clearence", "0.8", "1"], "Argument `clearence` is no parameter"),
         (
@@ -307,8 +307,9 @@ def test_a_table_of_places_is_an_environment_beside_the_run(file, tmp_path, caps
     table = '\n[environment]\nplaces = { unit = "mm", values = [[100, 0, 40]] }\nhigh = "200 Hz"\nlow = "40 Hz"\n'
     file.write_text(FILE.replace("steps_per_period = 60", "steps_per_period = 200") + table)
     text, _ = call(["run", file, "--out", tmp_path / "a.nc", "--out", tmp_path / "a.csv"], capsys)
-    written = ["a-environment.csv", "a-environment.nc", "a.csv", "a.nc", "a_100m.csv", "a_worstplaces.csv"]
-    assert names(tmp_path) == [*written, "sled.toml"]
+    of_run = ["a.csv", "a.nc", "a_100m.csv", "a_worstplaces.csv"]
+    of_environment = ["a-environment.csv", "a-environment.nc", "a-environment_specification.csv"]
+    assert names(tmp_path) == [*of_environment, *of_run, "sled.toml"]
     ds = sj.load(tmp_path / "a.nc")
     assert ds["body_acceleration"].sizes["sample"] == 8 * 64  # of windows of 8 m
     report = dataset(tmp_path / "a-environment")

@@ -52,6 +52,7 @@ def test_results_state_the_plays_that_were_entered_and_never_a_mean():
     assert len([name for name in uneven if name.startswith("play")]) == 1
 
 
+@pytest.mark.full
 def test_plays_vary_in_a_grid_and_have_derivatives():
     grid = {"play.vertical": [1e-3, 1.5e-3], "play.lateral": [2e-3, 3e-3]}
     ds = sj.sweep(sj.paper_scene(), grid, transient=0, periods=1, steps_per_period=20, record="peak_force")

@@ -48,6 +48,7 @@ def test_greatest_means_of_a_pulse_follow_the_closed_form():
     assert at.item() == pytest.approx(5e-3, abs=1e-5)
 
 
+@pytest.mark.full
 def test_loads_of_all_mounts_and_inertia_of_the_whole_sled_balance(report):
     # a cut behind the sled carries nothing
     greatest = abs(report["slipper_force"]).max()
@@ -57,6 +58,7 @@ def test_loads_of_all_mounts_and_inertia_of_the_whole_sled_balance(report):
     assert abs(report["cut_moment"].sel(cut="middle")).max() > 0.1 * greatest
 
 
+@pytest.mark.full
 def test_peaks_are_those_of_the_run_and_means_are_smaller(runs, report):
     peaks = runs["peak_slipper_force"]
     np.testing.assert_array_equal(abs(report["slipper_force"].sel(mean=0.0)), abs(peaks).max("distance"))
@@ -77,6 +79,7 @@ def test_at_rest_a_mount_carries_its_static_share_and_the_middle_bends_as_a_beam
     np.testing.assert_allclose(found["cut_force"].sel(axis="z"), 0.0, atol=1e-3)
 
 
+@pytest.mark.full
 def test_quantiles_over_independent_runs_have_errors(report):
     median = report["slipper_force_value"].sel(quantile=0.5)
     sizes = abs(report["slipper_force"])
@@ -87,6 +90,7 @@ def test_quantiles_over_independent_runs_have_errors(report):
     assert report["slipper_force_value"].sel(quantile=0.95).isnull().all()
 
 
+@pytest.mark.full
 def test_a_lost_run_is_left_out(runs):
     flagged = runs.ds.copy()
     codes = flagged["status"].values.copy()
@@ -97,6 +101,7 @@ def test_a_lost_run_is_left_out(runs):
     assert found["slipper_force"].isel(speed=slice(1, None)).notnull().all()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("change", "options", "words"),
     [

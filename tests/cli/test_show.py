@@ -1,0 +1,78 @@
+"""A week later: what a result holds, the same run again with a change, two results side by side, and campaigns."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import slipperjax as sj
+
+from .commands import call, dataset, error_of
+
+FILE = """base = "paper"
+gravity = "9.81 m/s^2"
+[speed]
+file = "velocity.csv"
+[track]
+file = "rail.csv"
+[section]
+play = { vertical = "0.060 in", lateral = "0.125 in" }
+[run]
+length = "16 m"
+window = "8 m"
+steps_per_period = 60
+units = ["ft", "lbf"]
+[loads]
+means = { values = [1], unit = "ms" }
+"""
+
+
+@pytest.fixture
+def file(tmp_path):
+    (tmp_path / "velocity.csv").write_text("time [s],speed [ft/s]\n0,800\n1,820\n2,840\n")
+    (tmp_path / "sled.toml").write_text(FILE)
+    x = np.arange(0.0, 60.0, 0.2)
+    rail = 1e-3 * np.sin(2 * np.pi * x / 8.0) + 2e-4 * np.sin(2 * np.pi * x / 1.7)
+    rows = "\n".join(f"{a:.1f},{1e3 * b:.6f}" for a, b in zip(x, rail, strict=True))
+    (tmp_path / "rail.csv").write_text(f"distance [m],vertical [mm]\n{rows}\n")
+    return tmp_path / "sled.toml"
+
+
+@pytest.mark.full
+def test_a_result_says_how_it_was_made_and_is_repeated_with_a_change(file, tmp_path, capsys):
+    text, _ = call(["run", file, "--out", tmp_path / "run.nc"], capsys)
+    assert "vertical play 0.06 in, lateral play 0.125 in" in text
+    assert "vertical force: " in text
+    shown, _ = call(["show", tmp_path / "run.nc"], capsys)
+    for words in ("run.nc: run", "vertical play 0.06 in", "rail.csv, sha256", "velocity.csv, sha256"):
+        assert words in shown
+    call(["run", tmp_path / "run.nc", "--set", "play.vertical=0.1 in", "--out", tmp_path / "again.nc"], capsys)
+    first, again = (dataset(tmp_path / name) for name in ("run", "again"))
+    assert list(again) == list(first)
+    assert float(sj.load(again).scene.value("play.vertical")) == pytest.approx(2.54e-3)
+    files = [tmp_path / name for name in ("run.nc", "again.nc", "both.csv")]
+    compared, _ = call(["compare", *files[:2], "--out", files[2]], capsys)
+    assert "\nvertical play 0.06 in, then vertical play 0.1 in\n\n" in compared
+    table = pd.read_csv(tmp_path / "both.csv").set_index("quantity")
+    most = float(abs(again["peak_slipper_force"].sel(axis="z")).max()) / 4.4482216152605
+    assert table.loc["peak_slipper_force z [lbf]", "second"] == pytest.approx(most)
+    assert len(pd.read_csv(tmp_path / "both_windows.csv")) == 2
+
+
+@pytest.mark.full
+def test_loads_over_rails_come_from_shares_of_a_store(file, tmp_path, capsys):
+    words = ["run", file, "--rails", "8", "--store", tmp_path / "map.zarr", "--out", tmp_path / "loads.csv"]
+    first, _ = call([*words, "--share", "1/2"], capsys)
+    assert "share 1/2: 4 of 8 cases" in first
+    assert not (tmp_path / "loads.csv").exists()
+    text, _ = call([*words, "--share", "2/2"], capsys)
+    assert "over runs median " in text
+    table = pd.read_csv(tmp_path / "loads.csv")
+    assert list(table["mean over [ms]"]) == [0, 1, 0, 1]
+    assert (table["median +- [lbf]"] > 0).all()
+
+
+def test_wrong_files_are_one_line(tmp_path, capsys):
+    (tmp_path / "scene.toml").write_text('base = "paper"\n')
+    for command in (["show", tmp_path / "scene.toml"], ["compare", tmp_path / "scene.toml", tmp_path / "scene.toml"]):
+        assert "`FILE` must be a result such as run.nc" in error_of(command, capsys)
+    assert "absent.nc" in error_of(["show", tmp_path / "absent.nc"], capsys)
