@@ -69,6 +69,7 @@ def test_peaks_are_those_of_the_run_and_means_are_smaller(runs, report):
     np.testing.assert_array_equal(report["slipper_force_speed"].sel(mean=0.0).isel(speed=0), 280.0)
 
 
+@pytest.mark.full
 def test_at_rest_a_mount_carries_its_static_share_and_the_middle_bends_as_a_beam():
     still = dataclasses.replace(SLED, track=sj.model.TwoRails(sj.model.StraightTrack(), sj.model.StraightTrack()))
     found = loads(sj.run(still, length=2.0, record=RECORDS, start="rest"), means=[1e-3], cuts=[HALF])
