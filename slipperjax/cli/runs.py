@@ -83,10 +83,18 @@ class _Comparing(CommandOf):
 )
 @option("--store", FILE, "With --rails or --over: keep runs in this store, from which the same command continues.")
 @option("--share", str, "With --store: compute only share I of N of the runs, for jobs of an array.", metavar="I/N")
+@option("--margin", float, "Margin of the specification of a table [environment] [dB].", default=None)
 @result("run")
 @takes_case
 @click.argument("scene", metavar="FILE", type=INPUT)
-def run(case: Case, begin: float | None, out: Sequence[Path], over: Sequence[str], **ensemble: object) -> int:
+def run(
+    case: Case,
+    begin: float | None,
+    out: Sequence[Path],
+    over: Sequence[str],
+    margin: float | None,
+    **ensemble: object,
+) -> int:
     """Run the scene of FILE along a length of rail, at a speed that may change, as its table [run] says; or over many
     rails, for the quantiles of its loads; or compare designs by many runs over the same rails from the same starts.
 
@@ -110,11 +118,14 @@ def run(case: Case, begin: float | None, out: Sequence[Path], over: Sequence[str
         return _over_rails(case, options, ensemble, files)
     for name in ensemble:
         require(not given(name), f"--{name}", "come with --over", ensemble[name])
-    return _single(case, options, files)
+    return _single(case, options, files, {} if margin is None else {"margin": margin})
 
 
-def _single(case: Case, options: dict[str, object], files: Outputs) -> int:
-    """Run once; write and print the run, its vibration environment and its loads."""
+def _single(case: Case, options: dict[str, object], files: Outputs, changes: Mapping[str, float]) -> int:
+    """Run once; write and print the run, its vibration environment and its loads.
+
+    **Arguments:** `changes`: of the arguments of the environment.
+    """
     from ..sweeps.environment import check_environment, environment
     from ..sweeps.loads import check_loads, loads
     from ..sweeps.runs import run as over_rail
@@ -122,14 +133,16 @@ def _single(case: Case, options: dict[str, object], files: Outputs) -> int:
     file = case.file
     assert file is not None
     # checked before a long run
-    if file.environment is not None:
-        check_environment(case.scene, **file.environment)
+    require(not changes or file.environment is not None, "--margin", "come with a table [environment]", changes)
+    places = None if file.environment is None else file.environment | changes
+    if places is not None:
+        check_environment(case.scene, **places)
     if file.loads is not None:
         check_loads(case.scene, file.loads["means"], file.loads["cuts"])
     reports = [
         (more, files.named(more), ask, asked)
         for more, ask, asked in (
-            ("-environment", environment, file.environment),
+            ("-environment", environment, places),
             ("-loads", loads, file.loads),
         )
         if asked is not None

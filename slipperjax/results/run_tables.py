@@ -58,6 +58,9 @@ def of_windows(view: RunView) -> pd.DataFrame:
         known = name in columns and name not in SIGNED
         if "distance" not in values.dims or known or values.dtype.kind not in "fiu":
             continue
+        # histories within windows are no numbers of windows
+        if "sample" in values.dims:
+            continue
         if "point" in values.dims:
             joined = values.sum if name in SUMMED else values.max
             values = joined(point_dims(values), skipna=False)

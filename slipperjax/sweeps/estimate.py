@@ -44,7 +44,11 @@ class Estimate:
     @property
     def seconds(self) -> float:
         """Total time [s]."""
-        return self.cases * self.per_case / self.workers
+        if self.tiles is None or not self.shared:
+            return self.cases * self.per_case / self.workers
+        # each worker computes whole tiles, one after the other
+        rounds = math.ceil(self.tiles.count / self.workers)
+        return rounds * min(self.tiles.size, self.cases) * self.per_case
 
     @property
     def memory(self) -> float:

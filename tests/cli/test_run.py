@@ -289,6 +289,7 @@ def test_designs_are_compared_told_and_written(file, tmp_path, capsys):
     ("options", "words"),
     [
         (["--rails", "3", "--starts", "2"], "Option --starts must come with --over, but is 2"),
+        (["--margin", "3"], "--margin must come with a table [environment]"),
         (["--share", "1/2", "--rails", "8"], "--share must come with --store, but is '1/2'"),
         (["--over", "clearance", "0.8"], "have a parameter and two or more values"),
         (["--over", "clearence", "0.8", "1"], "Argument `clearence` is no parameter"),

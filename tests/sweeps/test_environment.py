@@ -128,6 +128,22 @@ def test_environments_are_those_of_each_rail_alone(rails):
 
 
 @pytest.mark.full
+def test_a_specification_lies_its_margin_above_the_greatest_density_of_all_rails(rails):
+    report = sj.environment(rails, places=[PLACE], low=50.0, high=400.0, margin=3.0)
+    for direction in ("y", "z"):
+        of_one = report.sel(direction=direction).isel(place=0)
+        most = of_one["maximax_density"].max("rail")
+        known = np.isfinite(of_one["specification_frequency"].values)
+        points = [of_one[f"specification_{name}"].values[known] for name in ("frequency", "density")]
+        lines = np.exp(np.interp(np.log(most["frequency"]), *map(np.log, points)))
+        ratio = 10 * np.log10(lines / most.values)
+        assert ratio.min() == pytest.approx(3.0, abs=1e-6)
+        assert of_one["specification_rms"] > of_one["maximax_rms"].max()
+    table = report.tables()["specification"]
+    assert list(table.columns[4:]) == ["frequency [Hz]", "density [g^2/Hz]", "g-RMS"]
+
+
+@pytest.mark.full
 def test_lost_runs_are_left_out_and_so_may_be_windows_at_the_beginning(rails):
     whole = sj.environment(rails, [PLACE], high=800.0)
     lost = rails.assign(status=rails["status"].where(rails["track.seed"] != 1, int(sj.Status.DERAILED)))

@@ -24,6 +24,8 @@ def test_an_estimate_measures(tmp_path, monkeypatch):
     # a tenth of a second for the 128 cases of the probe
     assert 0.1 / 128 <= found.per_case < 0.5 / 128
     assert found.seconds == pytest.approx(120 * found.per_case / 4)
+    # a tile is a task: 64 workers have 12 tiles of 10 cases
+    assert dataclasses.replace(found, workers=64).seconds == pytest.approx(10 * found.per_case)
     for words in ("120 cases in 12 tiles of 10 (1 x 10)", "steps per period: 100 to 100", "on 4 cores", " free"):
         assert words in str(found)
     assert not store.path.exists()
