@@ -243,7 +243,7 @@ def design_margins(ds: object, ax: Axes | None = None) -> Axes:
                 text = f"  {parameters[name].shown(value):.4g}  "
                 ax.text(change, row, text, va="center", ha=side, fontsize=6)
         ax.axvline(0, lw=0.5, color="black", zorder=1)
-        ticks = [with_unit(q.name.replace("_", " "), q.display_unit, brackets=True) for q in parameters.values()]
+        ticks = [with_unit(q.words, q.display_unit, brackets=True) for q in parameters.values()]
         ax.set_yticks(range(len(names)), ticks)
         # percent, with space for the values next to the bars
         farthest = 135 * max(float(np.nanmax(np.abs(ds["margin_relative"].values), initial=0.0)), 1e-9)

@@ -124,7 +124,7 @@ def _draw_parameters(ax: Axes, ds: xr.Dataset) -> None:
         value, low, high = (q.shown(float(number)) for number in stated)
         text = with_unit(f"{value:.5g} ({low:.5g} to {high:.5g})", q.display_unit)
         ax.text(0.5, row - 0.28, text, ha="center", va="center", fontsize=6)
-    ax.set_yticks(range(len(quantities)), [q.name.replace("_", " ") for q in quantities])
+    ax.set_yticks(range(len(quantities)), [q.words for q in quantities])
     ax.set(xlim=(0, 1), ylim=(len(quantities) - 0.5, -0.6), xlabel="within 98 % of what was expected before [1]")
 
 

@@ -45,6 +45,8 @@ class Load(NamedTuple):
     """[m/s]"""
     run: str
     """Parameters of the run with this load; empty for a single run."""
+    status: int
+    """`Status` code of this run."""
     quantiles: np.ndarray
     """Quantiles of the magnitude over independent runs, their standard errors, and both ends of their 95 % intervals,
     shape (quantiles, 4); no rows without such runs."""
@@ -80,7 +82,9 @@ def _load(at: xr.Dataset, name: str, part: str, axis: str) -> Load:
         parts = [at[f"{name}_{of}"].values for of in ("value", "stderr", "low", "high")]
         quantiles = np.stack(parts, axis=-1)
     place, speed = (float(one[f"{name}_{of}"]) for of in ("distance", "speed"))
-    return Load(part, axis, float(at["mean"]), float(values[k]), place, speed, ", ".join(named), quantiles)
+    return Load(
+        part, axis, float(at["mean"]), float(values[k]), place, speed, ", ".join(named), int(one["status"]), quantiles
+    )
 
 
 def load_quantity(kind: str, units: ShownUnits) -> Quantity:
@@ -107,7 +111,7 @@ def greatest_loads(ds: object, units: Units = None) -> np.ndarray:
     found = {kind: list(loads_of(ds, kind)) for kind in KINDS.values()}
     rows = max(len({(load.part, load.axis) for load in of_kind}) for of_kind in found.values())
     means = [float(mean) for mean in ds["mean"].values]
-    with page(1, 2, 1.2 + 0.12 * rows * (1 + len(means)), ds, full=False) as axes:
+    with page(1, 2, 1.0 + 0.09 * rows * (0.7 + len(means)), ds, full=False) as axes:
         for ax, (kind, of_kind) in zip(axes, found.items(), strict=True):
             q = load_quantity(kind, chosen)
             names = list(dict.fromkeys(f"{load.part} {load.axis}".strip() for load in of_kind))

@@ -547,7 +547,7 @@ def _stated(ds: xr.Dataset, q: Quantity) -> str:
     values = np.ravel(ds[q.name] if q.name in ds.coords else fixed)
     if values.size != 1:
         return ""
-    text = f"{q.name.replace('_', ' ')} {plain_number(q.shown(values[0]))}"
+    text = f"{q.words} {plain_number(q.shown(values[0]))}"
     return with_unit(text, q.display_unit).replace(" degrees", "°")
 
 

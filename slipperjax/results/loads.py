@@ -11,6 +11,7 @@ from ..model.quantities import Quantity, ShownUnits
 from ..plots.comparisons import of_runs
 from ..plots.loads import KINDS, Load, load_quantity, loads_of
 from ..plots.style import Units, shown_units
+from .run_tables import words
 
 DISTANCE = Quantity("distance", "m", "distance travelled")
 SPEED = Quantity("speed", "m/s", "speed")
@@ -97,6 +98,7 @@ def _table(ds: xr.Dataset, kind: str, chosen: ShownUnits) -> pd.DataFrame:
             f"distance [{place.display_unit}]": place.shown(load.distance),
             f"speed [{speed.display_unit}]": speed.shown(load.speed),
         }
+        row["status"] = words(load.status)
         for share, (value, error, *_) in zip(shares, load.quantiles, strict=True):
             row[f"{of_runs(share)} [{q.display_unit}]"] = q.shown(value)
             row[f"{of_runs(share)} +- [{q.display_unit}]"] = q.shown(error)
