@@ -80,11 +80,13 @@ class Features(AbstractFitMethod):
         for name, least in (("members", 4), ("proposals", 16), ("rounds", 1), ("transient", 0)):
             whole(name, getattr(self, name), least)
 
-    def fitted(self, problem: Problem, shown: Callable[[str], object]) -> Posterior:
+    def check(self, problem: Problem) -> None:
         for sensor in problem.rig.sensors:
             require(sensor.noise is not None, "noise", f"be given of the sensor {sensor.name} for features", None)
         constant = problem.scene.travel(0.0).acceleration is None
         require(constant, "method", "be Trajectories() at a speed that changes", self)
+
+    def fitted(self, problem: Problem, shown: Callable[[str], object]) -> Posterior:
         ensemble = _Ensemble.of(self, problem)
         windows = ensemble.model.windows
         (target,) = ensemble.values(windows.value)

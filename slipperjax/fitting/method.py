@@ -218,9 +218,9 @@ class AbstractFitMethod(abc.ABC):
         """Return the solver that runs have by default."""
         return resolve_solver(scene, None)
 
+    def check(self, problem: Problem) -> None:  # noqa: B027 - most methods solve every problem
+        """Raise `ValueError` for a problem that the method cannot solve."""
+
     @abc.abstractmethod
     def fitted(self, problem: Problem, shown: Callable[[str], object]) -> Posterior:
-        """Fit. **Arguments:** `shown`: called with short texts on the present work.
-
-        **Raises:** `ValueError` for a problem that the method cannot solve.
-        """
+        """Fit. **Arguments:** `shown`: called with short texts on the present work."""
