@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
-from scipy.integrate import cumulative_trapezoid
 
 from ..analysis.quantiles import Estimates, estimate, least_rails
 from ..flow.datasets import load_base
@@ -255,6 +254,8 @@ def _greatest_mean(
     if duration == 0:
         means, middles = values, time
     else:
+        from scipy.integrate import cumulative_trapezoid  # here, because importing it takes time
+
         integral = cumulative_trapezoid(values, time, axis=0, initial=0.0)
         begins_at = np.concatenate([time, time - duration])
         begins_at = begins_at[(begins_at >= time[0]) & (begins_at + duration <= time[-1])]
