@@ -22,7 +22,7 @@ from ..model.contact import EventLatch, PeakRateLatch, SmoothSwitch
 from ..model.dang2024 import paper_scene
 from ..model.dynamics import State
 from ..model.kinematics import Motion
-from ..model.parameters import PARAMETERS, STARTS, Parameter, parameter
+from ..model.parameters import MAIN, PARAMETERS, STARTS, Parameter, parameter
 from ..model.quantities import Quantity, ShownUnits
 from ..model.scene import Scene
 from ..model.scene_files import SceneFile
@@ -331,18 +331,14 @@ class Case(NamedTuple):
 
     def text(self, varied: Iterable[str] = (), start: str = "") -> str:
         """Return the case as a text: a sled's slippers, speed, clearance and length, unless varied, and its start."""
-        from ..flow.datasets import scene_attributes
+        from ..flow.datasets import named_parameters, scene_attributes
 
         # values that depend on a varied parameter are absent
-        known = scene_attributes(self.scene, list(varied))
+        units = ShownUnits(self.file.units if self.file else ())
+        known = named_parameters(scene_attributes(self.scene, list(varied)), units)
         slippers = self.scene.slipper.names
         words = [f"{len(slippers)} slippers"] if slippers else []
-        units = ShownUnits(self.file.units if self.file else ())
-        for name in ("speed", "clearance", "play.vertical", "play.lateral", "length"):
-            q = PARAMETERS[name]
-            value = known.get(f"{name} [{q.unit}]")
-            if value is not None:
-                words.append(units.of(q).named(value))
+        words += [known[name] for name in MAIN if name in known]
         if not start:
             start = "from Table 2's start" if self.start is None else "from the scene file's start"
             # a varied coordinate of the start replaces the start's own

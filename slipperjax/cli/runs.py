@@ -121,7 +121,7 @@ def run(
     return _single(case, options, files, {} if margin is None else {"margin": margin})
 
 
-def _single(case: Case, options: dict[str, object], files: Outputs, changes: Mapping[str, float]) -> int:
+def _single(case: Case, options: dict[str, object], files: Outputs, changes: dict[str, float]) -> int:
     """Run once; write and print the run, its vibration environment and its loads.
 
     **Arguments:** `changes`: of the arguments of the environment.
@@ -140,11 +140,8 @@ def _single(case: Case, options: dict[str, object], files: Outputs, changes: Map
     if file.loads is not None:
         check_loads(case.scene, file.loads["means"], file.loads["cuts"])
     reports = [
-        (more, files.named(more), ask, asked)
-        for more, ask, asked in (
-            ("-environment", environment, places),
-            ("-loads", loads, file.loads),
-        )
+        (files.named(more), ask, asked)
+        for more, ask, asked in (("-environment", environment, places), ("-loads", loads, file.loads))
         if asked is not None
     ]
     # a run that is repeated keeps its records
@@ -155,7 +152,7 @@ def _single(case: Case, options: dict[str, object], files: Outputs, changes: Map
     said(files.write(ran), case.text(start=_start(case)), *ran.summary())
     lost = is_lost(int(ran.status))
     # for a lost run only its status is printed
-    for _, further, ask, asked in [] if lost else reports:
+    for further, ask, asked in [] if lost else reports:
         report = ask(ran, **asked)
         said(further.write(report), *report.summary())
     return LOST if lost else 0
@@ -247,7 +244,8 @@ def _compared(case: Case, over: Sequence[str], options: dict[str, Any], files: O
         designs[name] = q.from_shown(np.array([shown_value(q, VALUE.convert(word, None, None)) for word in written]))
     runs = math.prod(map(len, designs.values())) * options["rails"] * options["starts"]
     store = _store(options, runs)
-    options = {name: value for name, value in options.items() if name != "share"} | {"store": store}
+    # designs are compared by one number, whatever a run that is repeated has recorded
+    options = {name: value for name, value in options.items() if name not in ("share", "record")} | {"store": store}
     with keeping(_kept(store), None if store is None else store.path):
         found = compare(case.scene, designs, progress=True, **options)
     if _is_share(store):

@@ -1,16 +1,16 @@
 """Commands that show what a result holds and how it was made, and what differs between two results."""
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 import numpy as np
 
-from ..flow.datasets import function_of
+from ..flow.datasets import flattened, function_of, named_parameters, sources_of
 from ..model.parameters import PARAMETERS
-from ..model.quantities import NET_DIMS, ShownUnits
+from ..model.quantities import NET_DIMS
 from ..tools.checks import require
 from ..tools.files import listed, write_each
 from .files import Outputs, said
@@ -19,6 +19,8 @@ from .options import INPUT, app, option
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
+
+    from ..results.result import AbstractResult
 
 SHOWN = 12
 """Most differences between two results that are listed."""
@@ -30,14 +32,15 @@ PARTS = ("slipper", *NET_DIMS, "mean", "quantile")
 """Dimensions whose values are compared apart."""
 
 
-def _dataset(path: Path) -> "xr.Dataset":
-    """Return the dataset of the result in a file or a store."""
+def _result(path: Path) -> "AbstractResult":
+    """Return the result in a file or a store."""
     from ..results.result import AbstractResult
     from ..sweeps.loading import load
 
     found = load(path)
-    require(isinstance(found, AbstractResult), "FILE", "be a result such as run.nc", str(path))
-    return getattr(found, "ds")  # noqa: B009 - a scene's file has none
+    if not isinstance(found, AbstractResult):
+        raise ValueError(f"Argument `FILE` must be a result such as run.nc, but is {path}.")
+    return found
 
 
 @app.command()
@@ -48,27 +51,15 @@ def show(file: Path, units: tuple[str, ...]) -> int:
 
     To repeat a run with one change: slipperjax run run.nc --set play.vertical="0.1 in".
     """
-    from ..sweeps.loading import load
-
-    ds = _dataset(file)
-    chosen = _units(ds, units)
-    scene = ", ".join(parameters_of(ds, chosen).values())
-    said(f"{file}: {function_of(ds)}", *_asked(ds), f"scene: {scene}", *_sources(ds), "")
-    said(*load(ds).summary(units or None))  # pyright: ignore[reportAttributeAccessIssue] - a dataset is a result
-    return 0
-
-
-def _units(ds: "xr.Dataset", units: tuple[str, ...] = ()) -> ShownUnits:
     from ..plots.style import shown_units
 
-    return ShownUnits(units) if units else shown_units(ds)
-
-
-def parameters_of(ds: "xr.Dataset", units: ShownUnits) -> dict[str, str]:
-    """Return the parameters of a result's scene by name, each as a text with its name and its value."""
-    heads = {name: name if q.unit == "1" else f"{name} [{q.unit}]" for name, q in PARAMETERS.items()}
-    known = {name: ds.attrs[head] for name, head in heads.items() if head in ds.attrs}
-    return {name: units.of(PARAMETERS[name]).named(value) for name, value in known.items()}
+    result = _result(file)
+    ds = result.ds
+    scene = ", ".join(named_parameters(ds.attrs, shown_units(ds, units or None)).values())
+    versions = listed([f"{name} {number}" for name, number in json.loads(ds.attrs.get("versions", "{}")).items()])
+    said(f"{file}: {function_of(ds)}", *_asked(ds), f"scene: {scene}", *sources_of(ds), f"made by {versions}", "")
+    said(*result.summary(units or None))
+    return 0
 
 
 def _asked(ds: "xr.Dataset") -> Iterator[str]:
@@ -83,19 +74,6 @@ def _asked(ds: "xr.Dataset") -> Iterator[str]:
         yield f"over {name}: {len(values)} values, {values[0]:g} to {values[-1]:g}{'' if unit == '1' else f' {unit}'}"
 
 
-def _sources(ds: "xr.Dataset") -> Iterator[str]:
-    """Yield the files that the scene was made from with their digests, and the versions of the code."""
-    numbers = dict(flattened(json.loads(ds.attrs.get("scene", "{}"))))
-    for path, value in numbers.items():
-        part, _, name = path.rpartition(".")
-        if name == "file" and value:
-            yield f"{part} from {value}, sha256 {numbers.get(f'{part}.sha256', 'unknown')}"
-        if name == "source" and value:
-            yield f"{part} from {value}"
-    versions = json.loads(ds.attrs.get("versions", "{}"))
-    yield "made by " + listed([f"{name} {number}" for name, number in versions.items()])
-
-
 def _short(value: object) -> str:
     """Return a value as a short text: a class by its name, a long list by its length."""
     if isinstance(value, dict):
@@ -103,18 +81,6 @@ def _short(value: object) -> str:
     if isinstance(value, list) and len(value) > LONG:
         return f"[{len(value)} values]"
     return str(value)
-
-
-def flattened(value: object, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the numbers, lists of numbers and texts of a description of a scene, by their paths."""
-    if isinstance(value, Mapping):
-        for name, part in value.items():
-            yield from flattened(part, f"{path}.{name}" if path else str(name))
-    elif isinstance(value, list) and any(isinstance(part, dict | list) for part in value):
-        for k, part in enumerate(value):
-            yield from flattened(part, f"{path}.{k}")
-    else:
-        yield path, value
 
 
 @app.command()
@@ -128,7 +94,7 @@ def compare(first: Path, second: Path, out: Path | None) -> int:
     """
     import pandas as pd
 
-    a, b = _dataset(first), _dataset(second)
+    a, b = _result(first).ds, _result(second).ds
     require(function_of(a) == function_of(b), "SECOND", f"be of {function_of(a)}, as {first}", function_of(b))
     lines = list(_differences(a, b))
     said(f"{first} and {second}: {function_of(a)}", *(lines[:SHOWN] or ["the same scene and call"]))
@@ -147,8 +113,10 @@ def compare(first: Path, second: Path, out: Path | None) -> int:
 
 def _differences(a: "xr.Dataset", b: "xr.Dataset") -> Iterator[str]:
     """Yield the parameters, and the parts of scene and call, that differ."""
-    units = _units(a)
-    one, other = (parameters_of(ds, units) for ds in (a, b))
+    from ..plots.style import shown_units
+
+    units = shown_units(a)
+    one, other = (named_parameters(ds.attrs, units) for ds in (a, b))
     for name in dict.fromkeys([*one, *other]):
         if one.get(name) != other.get(name):
             yield f"{one.get(name, f'no {name}')}, then {other.get(name, f'no {name}')}"
@@ -164,9 +132,9 @@ def _differences(a: "xr.Dataset", b: "xr.Dataset") -> Iterator[str]:
 
 def _greatest(a: "xr.Dataset", b: "xr.Dataset") -> Iterator[tuple[str, float, float, float]]:
     """Yield the greatest magnitude of each number of both results, of each slipper and axis, in a user's units."""
-    from ..plots.style import quantity_of
+    from ..plots.style import quantity_of, shown_units
 
-    units = _units(a)
+    units = shown_units(a)
     for name, values in a.data_vars.items():
         # places are no magnitudes
         is_number = values.dtype.kind == "f" and "units" in values.attrs and not str(name).endswith("distance")

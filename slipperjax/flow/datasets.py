@@ -5,7 +5,7 @@ import importlib.metadata
 import json
 import platform
 import zlib
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -22,7 +22,7 @@ from ..model.dynamics import State
 from ..model.kinematics import ModalMotion, Motion, PayloadMotion
 from ..model.layout import coordinates
 from ..model.parameters import PARAMETERS, STARTS, PlayAlong, check_units, of_motion, parameter
-from ..model.quantities import LOADS
+from ..model.quantities import LOADS, ShownUnits
 from ..model.scene import Scene
 from ..model.scene_files import scene_from_json, scene_to_json
 from ..model.sensors import Sensor
@@ -120,13 +120,13 @@ def scene_attributes(scene: Scene, without: Collection[str] = ()) -> dict[str, o
         "contact_law": type(scene.contact).__name__,
         "contact_memory": type(scene.contact_memory).__name__,
     }
-    for name, q in PARAMETERS.items():
+    for q in PARAMETERS.values():
         # a clearance states the plays along both axes, too
         if isinstance(q, PlayAlong) and "clearance [m]" in out:
             continue
         value = q.stated(scene)
         if value is not None and np.ndim(value) == 0 and not np.isnan(value):
-            out[name if q.unit == "1" else f"{name} [{q.unit}]"] = float(value)
+            out[q.attribute] = float(value)
     name = "wavelengths"
     # a rail that is no sum of waves has one wavelength, the length of a forcing period
     lengths = getattr(scene.track, name, None)
@@ -198,6 +198,37 @@ def start_of(ds: "xr.Dataset") -> Motion | State:
     # varied values replace the start's numbers that all cases have in common
     motion = replace(motion, **of_motion(_case_of(ds, of_start=True)))
     return State(motion, start.memory) if isinstance(start, State) else motion
+
+
+def named_parameters(attributes: Mapping[str, Any], units: ShownUnits = ShownUnits()) -> dict[str, str]:
+    """Return texts such as "clearance 1 mm" by parameter, from `scene_attributes` or those of a dataset."""
+    known = {name: q for name, q in PARAMETERS.items() if q.attribute in attributes}
+    return {name: units.of(q).named(attributes[q.attribute]) for name, q in known.items()}
+
+
+def sources_of(ds: "xr.Dataset") -> list[str]:
+    """Return texts on the files that the scene of a result was made from: part, file and digest."""
+    numbers = dict(flattened(json.loads(ds.attrs.get("scene", "{}"))))
+    found = []
+    for path, value in numbers.items():
+        part, _, name = path.rpartition(".")
+        if name == "file" and value:
+            found.append(f"{part} from {value}, sha256 {numbers.get(f'{part}.sha256', 'unknown')}")
+        if name == "source" and value:
+            found.append(f"{part} from {value}")
+    return found
+
+
+def flattened(value: object, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the numbers, lists of numbers and texts of a description of a scene, by their paths."""
+    if isinstance(value, Mapping):
+        for name, part in value.items():
+            yield from flattened(part, f"{path}.{name}" if path else str(name))
+    elif isinstance(value, list) and any(isinstance(part, dict | list) for part in value):
+        for k, part in enumerate(value):
+            yield from flattened(part, f"{path}.{k}")
+    else:
+        yield path, value
 
 
 def load_base(ds: "xr.Dataset") -> tuple[Scene, Motion | State]:

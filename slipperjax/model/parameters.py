@@ -260,6 +260,8 @@ PARAMETERS: dict[str, Parameter] = {
     )
 }
 """The parameters of a scene by name, for `Scene.replace` and `sweep`."""
+MAIN = ("speed", "clearance", "play.vertical", "play.lateral", "length")
+"""Parameters that titles and texts on a case state; plays only where there is no common clearance."""
 
 
 def _at_start(q: Quantity) -> Parameter:

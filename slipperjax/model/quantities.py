@@ -53,6 +53,11 @@ class Quantity:
     """Unit in pictures and on the command line; empty for the SI unit."""
 
     @property
+    def attribute(self) -> str:
+        """Name of the attribute of a dataset that has a value, with its unit, such as "speed [m/s]"."""
+        return self.name if self.unit == "1" else f"{self.name} [{self.unit}]"
+
+    @property
     def words(self) -> str:
         """The name in words."""
         return self.name.replace("_", " ")

@@ -209,7 +209,7 @@ def _read(
     """
     path = user_path(file, "file")
     content = content_of(path)
-    digest = hashlib.sha256(content).hexdigest()[:16]
+    digest = _digest(content)
     need = "be the content with which the scene was made"
     require(sha256 in (None, digest), "sha256", need, shown=f"another one of {file} now")
     wanted = {"distance": "m", **OF_SIDES, "gauge": "m"} if sides == SIDES else _columns_of_one
@@ -253,6 +253,11 @@ def _read(
     return digest, found["distance"].unit or "m", [usual | rail for rail in rails]
 
 
+def _digest(content: bytes) -> str:
+    """Return the first digits of the digest of a file's content."""
+    return hashlib.sha256(content).hexdigest()[:16]
+
+
 def _columns_of_one(names: Set[str]) -> Mapping[str, str]:
     """Return the columns of a survey; raise `_TwoRailsFound` for names of columns of both a left and a right rail."""
     if all(any(name.startswith(side) for name in names & set(OF_SIDES)) for side in SIDES):
@@ -286,7 +291,8 @@ def load_speed(file: str | Path, begin: Real = 0.0, cutoff: Real | None = None) 
     **Raises:** `ValueError` with all faults of the file by their lines; `OSError` for a file that cannot be read.
     """
     aliases = ALIASES | {"velocity": "speed", "v": "speed", "t": "time"}
-    along, columns = read_rows(file, {"distance": "m", "time": "s"}, {"speed": "m/s"}, aliases)
+    content = content_of(user_path(file, "file"))
+    along, columns = read_rows(file, {"distance": "m", "time": "s"}, {"speed": "m/s"}, aliases, content)
     begin = number(finite, "begin", begin, "m")
     speed = columns["speed"]
     try:
@@ -299,9 +305,8 @@ def load_speed(file: str | Path, begin: Real = 0.0, cutoff: Real | None = None) 
             programme = SpeedProgramme.over_distance(begin + columns["distance"], speed)
     except ValueError as error:
         raise TableError(f"{file}: {error}") from None
-    digest = hashlib.sha256(content_of(user_path(file, "file"))).hexdigest()[:16]
     filtered = "" if cutoff is None else f", low-pass {cutoff:g} Hz"
-    return replace(programme, source=f"{file}, sha256 {digest}{filtered}")
+    return replace(programme, source=f"{file}, sha256 {_digest(content)}{filtered}")
 
 
 def _without_noise(time: np.ndarray, speed: np.ndarray, cutoff: float) -> np.ndarray:

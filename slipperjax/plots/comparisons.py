@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from ..model.quantities import Quantity, ShownUnits
+from ..model.quantities import Quantity
 from .style import Units, check_dataset, in_display_unit, label, line_color, page, quantity_of, shown_units, with_unit
 
 SOURCE = "slipperjax.compare"
@@ -27,7 +27,7 @@ class Comparison(NamedTuple):
     def of(cls, ds: object, units: Units = None) -> "Comparison":
         """Return the comparison of a dataset; `units`: as for `comparison`."""
         ds = check_dataset(ds, SOURCE, "runs", "counted", "best", "difference")
-        chosen = shown_units(ds) if units is None else ShownUnits(units)
+        chosen = shown_units(ds, units)
         dims = ds["best"].dims
         # every parameter that differs from design to design
         along = [str(name) for name, values in ds.coords.items() if values.dims and set(values.dims) <= set(dims)]

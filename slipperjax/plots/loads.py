@@ -107,7 +107,7 @@ def greatest_loads(ds: object, units: Units = None) -> np.ndarray:
     **Raises:** `ValueError` for another dataset.
     """
     ds = check_dataset(ds, SOURCE, "slipper_force", "slipper_moment")
-    chosen = shown_units(ds) if units is None else ShownUnits(units)
+    chosen = shown_units(ds, units)
     found = {kind: list(loads_of(ds, kind)) for kind in KINDS.values()}
     rows = max(len({(load.part, load.axis) for load in of_kind}) for of_kind in found.values())
     means = [float(mean) for mean in ds["mean"].values]

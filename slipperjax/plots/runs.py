@@ -72,7 +72,7 @@ class RunView(NamedTuple):
         require(not dims, "ds", "be of one run, as is ds.isel(...)", shown=f"over {', '.join(map(str, dims))}")
         if scene is None and "scene" in ds.attrs:
             scene = scene_of(ds)
-        chosen = shown_units(ds) if units is None else ShownUnits(units)
+        chosen = shown_units(ds, units)
         codes = _codes(ds)
         ds = ds.drop_vars("window_status", errors="ignore")
         # a part of a run has all stretches of the run

@@ -25,7 +25,7 @@ from matplotlib.ticker import LogLocator, NullLocator
 
 from ..flow.datasets import has_one_scene
 from ..flow.status import Status, is_lost
-from ..model.parameters import PARAMETERS, QUANTITIES, START, check_units
+from ..model.parameters import MAIN, PARAMETERS, QUANTITIES, START, check_units
 from ..model.quantities import NET_DIMS, REACTIONS, Quantity, ShownUnits, point_dims
 from ..tools.checks import instance, number, positive, require
 from ..tools.files import listed
@@ -522,7 +522,7 @@ def case_title(ds: xr.Dataset, *, full: bool = False) -> str:
     **Returns:** the text, empty where the dataset has no parameter.
     """
     ds = instance("ds", getattr(ds, "ds", ds), xr.Dataset, "a dataset of a run")
-    rows = [["speed", "clearance", "play.vertical", "play.lateral", "length"], []]
+    rows = [[*MAIN], []]
     if full:
         rows[0] += ["mass", "gravity"]
         rows[1] += ["stiffness", "restitution", "amplitude", "roll_amplitude"]
@@ -543,7 +543,7 @@ def case_title(ds: xr.Dataset, *, full: bool = False) -> str:
 def _stated(ds: xr.Dataset, q: Quantity) -> str:
     """Return a parameter with its value, as in "clearance 1 mm"; an empty text where it varies or is absent."""
     # names of attributes contain their unit, as in "speed [m/s]"
-    fixed = ds.attrs.get(q.name if q.unit == "1" else f"{q.name} [{q.unit}]", [])
+    fixed = ds.attrs.get(q.attribute, [])
     values = np.ravel(ds[q.name] if q.name in ds.coords else fixed)
     if values.size != 1:
         return ""
@@ -551,8 +551,10 @@ def _stated(ds: xr.Dataset, q: Quantity) -> str:
     return with_unit(text, q.display_unit).replace(" degrees", "°")
 
 
-def shown_units(ds: xr.Dataset) -> ShownUnits:
-    """Return the units of a shown result, which are those of its scene's file."""
+def shown_units(ds: xr.Dataset, units: Units = None) -> ShownUnits:
+    """Return the units of a shown result: `units`, or by default those of its scene's file."""
+    if units is not None:
+        return ShownUnits(units)
     return ShownUnits(json.loads(ds.attrs.get(UNITS, "[]")))
 
 

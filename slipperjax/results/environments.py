@@ -2,17 +2,14 @@
 
 import datetime
 import json
-import re
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
+from ..flow.datasets import sources_of
 from ..plots.environment import RMS, greatest_of_rails, named_place, places_of, three_digits
 from ..plots.style import Units
-
-FILE = r'"file": "([^"]+)", "sha256": "([^"]+)"'
-"""A file with its digest, in the JSON of a scene."""
 
 
 def tables(ds: xr.Dataset, units: Units = None) -> dict[str, pd.DataFrame]:
@@ -75,7 +72,6 @@ def _stated(ds: xr.Dataset) -> list[str]:
     low, high = (ds.attrs[f"{end} speed [m/s]"] for end in ("lowest", "highest"))
     window, count = ds.attrs["window of densities [s]"], ds.attrs["windows of densities"]
     rails = ds.sizes["rail"]
-    files = [f"{name} (sha256 {digest})" for name, digest in re.findall(FILE, ds.attrs.get("scene", ""))]
     versions = json.loads(ds.attrs.get("versions", "{}"))
     return [
         f"{rails} run{'s' * (rails > 1)} from {low:.4g} to {high:.4g} m/s",
@@ -83,7 +79,7 @@ def _stated(ds: xr.Dataset) -> list[str]:
         "maximax: the greatest density of all windows and runs; mean: over all windows, the greatest of all runs",
         f"specification: straight lines {call.get('margin') or 0:g} dB above the maximax density",
         f"shock response: oscillators of Q = {call.get('quality') or 10:g}, greatest of all runs",
-        *(f"made with {name}" for name in files),
+        *sources_of(ds),
         f"slipperjax {versions.get('slipperjax', 'unknown')}, printed on {datetime.date.today().isoformat()}",
     ]
 

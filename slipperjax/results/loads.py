@@ -19,12 +19,12 @@ SPEED = Quantity("speed", "m/s", "speed")
 
 def summary(ds: xr.Dataset, units: Units = None) -> list[str]:
     """Return loads as a text: lost runs, and a line for each load."""
-    return [*_lost(ds), *_words(ds, _chosen(ds, units))]
+    return [*_lost(ds), *_words(ds, shown_units(ds, units))]
 
 
 def tables(ds: xr.Dataset, units: Units = None) -> dict[str, pd.DataFrame]:
     """Return a table of forces and a table of moments, with a row for each part, axis and interval of time."""
-    chosen = _chosen(ds, units)
+    chosen = shown_units(ds, units)
     return {name: _table(ds, kind, chosen) for name, kind in KINDS.items()}
 
 
@@ -34,10 +34,6 @@ def report(ds: xr.Dataset, units: Units = None) -> list[str]:
     for name, table in tables(ds, units).items():
         text += [name, "", *table.to_string(index=False, float_format="{:.4g}".format).splitlines(), ""]
     return text
-
-
-def _chosen(ds: xr.Dataset, units: Units) -> ShownUnits:
-    return shown_units(ds) if units is None else ShownUnits(units)
 
 
 def _lost(ds: xr.Dataset) -> Iterator[str]:

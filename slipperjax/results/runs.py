@@ -6,10 +6,9 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from ..flow.datasets import scene_attributes
+from ..flow.datasets import named_parameters, scene_attributes
 from ..flow.status import is_lost, step_error
 from ..model.dynamics import static_loads
-from ..model.parameters import PARAMETERS
 from ..model.quantities import ACCELERATIONS, Quantity
 from ..model.scene import PARTS, Scene
 from ..model.travel import LEAST_SPEED, SpeedProgramme
@@ -154,8 +153,6 @@ def _described(view: RunView) -> list[str]:
     scene = view.scene
     if scene is None:
         return []
-    known = scene_attributes(scene)
-    heads = {q: q.name if q.unit == "1" else f"{q.name} [{q.unit}]" for q in PARAMETERS.values()}
-    numbers = [view.units.of(q).named(known[head]).replace("_", " ") for q, head in heads.items() if head in known]
+    numbers = named_parameters(scene_attributes(scene), view.units).values()
     parts = [f"{name}: {getattr(scene, name)!r}" for name in (*PARTS, "speed") if getattr(scene, name) is not None]
     return [", ".join(numbers), *parts]

@@ -215,7 +215,7 @@ def _compared(
     over = (*dims, "quantile")
     shape = (*designs.shape, len(shares))
     all_shares = Estimates(*(np.stack(of_each, axis=-1) for of_each in zip(*found, strict=True)))
-    data = _columns(over, shape, all_shares, unit, "quantile of the runs", "the best design")
+    data = estimated_columns(over, shape, all_shares, unit, "quantile of the runs", "the best design")
     data["runs"] = (*dims, "rail", "start"), numbers.reshape(*designs.shape, rails, starts), ds[record].attrs
     codes = status.reshape(data["runs"][1].shape)
     data["status"] = column(data["runs"][0], codes, "", "status of each run", meaning=MEANINGS)
@@ -284,7 +284,7 @@ def over_rails(
     found = estimate(numbers[:, None], quantile, 0, **draws)
     text = "mean" if quantile is None else f"quantile {quantile:g}"
     shape = tuple(rows.sizes[name] for name in others)
-    data = _columns(others, shape, found, values.attrs.get("units", ""), text)
+    data = estimated_columns(others, shape, found, values.attrs.get("units", ""), text)
     if finer is not None:
         # drawn together, so that both have the same rails in each resample
         pairs = np.concatenate([part.values.reshape(len(part), -1) for part in _same_rails(finer, rows, dim)], axis=1)
@@ -300,7 +300,7 @@ def over_rails(
     return xr.Dataset(data, coords, facts)
 
 
-def _columns(
+def estimated_columns(
     dims: Sequence[str],
     shape: tuple[int, ...],
     found: Estimates,
@@ -308,7 +308,7 @@ def _columns(
     text: str,
     base: str = "the first case",
 ) -> dict[str, object]:
-    """Return the variables of `over_rails` over some dimensions.
+    """Return the variables of `over_rails` over some dimensions, by their names.
 
     **Arguments:** `text`: description of the values; `base`: the case from which differences count.
     """

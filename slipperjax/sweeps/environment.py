@@ -19,7 +19,7 @@ from ..tools.columns import column
 from ..tools.description import describe
 from ..tools.files import listed
 from ..tools.types import Numbers, Real
-from .windows import AccelerationHistory, begins
+from .windows import AccelerationHistory, begins, speeds_along
 
 DIRECTIONS = ("x", "y", "z")
 LEAST_RATE = 20.0
@@ -110,7 +110,7 @@ def environment(
     # the status of a run is not the status of its environment
     known = {name: value for name, value in given[0].attrs.items() if not name.startswith("status")}
     call = dict(function="environment", places=at, low=low, high=high, quality=quality, window=window, margin=margin)
-    speeds = given[0]["speed_along" if "speed_along" in given[0].coords else "speed"].values
+    speeds = speeds_along(given[0]).values
     ends = {"lowest speed [m/s]": float(speeds.min()), "highest speed [m/s]": float(speeds.max())}
     averaged = {"window of densities [s]": 2 * float(found.time[0]), "windows of densities": len(found.time)}
     made = _dataset(found, at)

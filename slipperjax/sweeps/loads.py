@@ -18,8 +18,9 @@ from ..tools.checks import not_negative, one_of, require, tuple_of
 from ..tools.columns import column
 from ..tools.description import describe
 from ..tools.types import Numbers
+from .compare import estimated_columns
 from .environment import accelerations_at, sample_times
-from .windows import AccelerationHistory, LoadHistory, begins
+from .windows import AccelerationHistory, LoadHistory, begins, speeds_along
 
 HISTORY = LoadHistory.quantity.name
 MOTION = AccelerationHistory.quantity.name
@@ -153,18 +154,12 @@ def _quantiles(
 ) -> dict[str, Any]:
     """Return variables with the quantiles over independent runs, and their errors; the first axis is of the runs."""
     flat = magnitude.reshape(len(magnitude), 1, -1)
-    found = [_estimated(flat, share, seed) for share in quantiles]
-    variables = {}
-    for part, words in {
-        "value": f"quantile of the {text}",
-        "stderr": "standard error",
-        "low": "lower end of the 95 % interval",
-        "high": "upper end of the 95 % interval",
-    }.items():
-        values = np.stack([getattr(one, part) for one in found], axis=-1)
-        shape = (*magnitude.shape[1:], len(quantiles))
-        variables[f"{name}_{part}"] = column((*dims, "quantile"), values.reshape(shape), unit, words)
-    return variables
+    of_shares = [_estimated(flat, share, seed) for share in quantiles]
+    found = Estimates(*(np.stack(parts, axis=-1) for parts in zip(*of_shares, strict=True)))
+    shape = (*magnitude.shape[1:], len(quantiles))
+    columns = estimated_columns((*dims, "quantile"), shape, found, unit, f"quantile of the {text}")
+    # there are no cases to compare
+    return {f"{name}_{part}": values for part, values in columns.items() if not part.startswith("difference")}
 
 
 def _estimated(flat: Float[np.ndarray, "runs 1 loads"], share: float, seed: int) -> Estimates:
@@ -190,7 +185,7 @@ def check_loads(
 def _of_run(ds: xr.Dataset, scene: Scene, durations: np.ndarray, cuts: Sequence[Cut]) -> dict[str, Peaks]:
     """Return the greatest loads of one run by name."""
     window = float(ds.attrs["window [m]"])
-    speeds = ds["speed_along" if "speed_along" in ds.coords else "speed"].values
+    speeds = speeds_along(ds).values
     peaks = {"slipper_force": _peaks(ds, "peak_slipper_force", "axis", speeds)}
     peaks["slipper_moment"] = _peaks(ds, "peak_slipper_moment", "about", speeds)
     found = {name: [peak] for name, peak in peaks.items()}

@@ -50,19 +50,30 @@ def _peak(k: int, q: Quantity) -> Record:
 
 
 @dataclass(frozen=True)
-class AccelerationHistory(AbstractNumber):
-    """Accelerations of the body at equal distances; `slipperjax.environment` computes those of any place."""
+class AbstractHistory(AbstractNumber):
+    """Values at equal distances within each window."""
 
     samples: int = 64
     """Samples in each window of distance."""
 
-    quantity = Quantity(
-        "body_acceleration", "", "accelerations, angular velocities and modal accelerations, SI units"
-    )
     join = ONE_PERIOD
 
     def __post_init__(self):
         whole("samples", self.samples, 1, 100_000)
+
+    @property
+    def places(self) -> Float[np.ndarray, " samples"]:
+        """Places of the samples, shares of the window from 0 on."""
+        return np.arange(self.samples) / self.samples
+
+
+@dataclass(frozen=True)
+class AccelerationHistory(AbstractHistory):
+    """Accelerations of the body at equal distances; `slipperjax.environment` computes those of any place."""
+
+    quantity = Quantity(
+        "body_acceleration", "", "accelerations, angular velocities and modal accelerations, SI units"
+    )
 
     def labels(self, scene):
         modes = 0 if scene.slipper.modes is None else scene.slipper.modes.count
@@ -70,10 +81,9 @@ class AccelerationHistory(AbstractNumber):
         return {"sample": list(range(self.samples)), "component": [*ACCELERATIONS, *SPINS, *of_modes]}
 
     def of(self, course):
-        places = np.arange(self.samples) / self.samples
         spins = [list(COORDINATES).index(name) for name in SPINS]
-        parts = course.acceleration.at(places), course.coordinates.at(places)[:, spins]
-        return jnp.concatenate([*parts, course.modal_acceleration.at(places)], axis=-1)
+        parts = course.acceleration.at(self.places), course.coordinates.at(self.places)[:, spins]
+        return jnp.concatenate([*parts, course.modal_acceleration.at(self.places)], axis=-1)
 
 
 SPINS = ("w_x", "w_y", "w_z")
@@ -81,26 +91,19 @@ SPINS = ("w_x", "w_y", "w_z")
 
 
 @dataclass(frozen=True)
-class LoadHistory(AbstractNumber):
+class LoadHistory(AbstractHistory):
     """Net loads of slippers at equal distances; `slipperjax.sweeps.loads` makes loads that size parts from them."""
-
-    samples: int = 64
-    """Samples in each window of distance."""
 
     quantity = Quantity(
         "slipper_load", "", "net force of a slipper [N] and its moment about the slipper's middle [N m]"
     )
-    join = ONE_PERIOD
-
-    def __post_init__(self):
-        whole("samples", self.samples, 1, 100_000)
 
     def labels(self, scene):
         slippers = {"slipper": list(scene.slipper.names)} if scene.slipper.names else {}
         return {"sample": list(range(self.samples)), **slippers, "load": list(NET_LOADS)}
 
     def of(self, course):
-        return course.slipper_load.at(np.arange(self.samples) / self.samples)
+        return course.slipper_load.at(self.places)
 
 
 NET_LOADS = ("F_y", "F_z", "M_x", "M_y", "M_z")
@@ -314,8 +317,12 @@ def begins(ds: xr.Dataset) -> xr.DataArray:
     seconds = ds["seconds"].isel(distance=0, drop=True)
     if float(ds["distance"][0]) - window <= json.loads(ds.attrs["call"])["begin"] + 1e-6 * window:
         return xr.zeros_like(seconds)
-    speed = ds["speed_along" if "speed_along" in ds.coords else "speed"]
-    return seconds - window / speed.isel(distance=0, drop=True)
+    return seconds - window / speeds_along(ds).isel(distance=0, drop=True)
+
+
+def speeds_along(ds: xr.Dataset) -> xr.DataArray:
+    """Return the speed in the middle of each window [m/s]: under another name where "speed" is a varied parameter."""
+    return ds["speed_along" if "speed_along" in ds.coords else "speed"]
 
 
 def stretch_ends(windows: int) -> Int[np.ndarray, " stretches"]:

@@ -432,19 +432,23 @@ class Table:
 
 
 def read_rows(
-    file: str | Path, axes: Mapping[str, str], values: Mapping[str, str], aliases: Mapping[str, str]
+    file: str | Path,
+    axes: Mapping[str, str],
+    values: Mapping[str, str],
+    aliases: Mapping[str, str],
+    content: bytes | None = None,
 ) -> tuple[str, dict[str, np.ndarray]]:
     """Read a table whose rows go along one of several axes: the first axis that it has, which must increase.
 
     **Arguments:** `axes`, `values`: SI units of the columns by name; one column of `values` is enough; `aliases`: as
-    for `Table`.
+    for `Table`; `content`: of the file, where it has been read.
 
     **Returns:** the axis and the columns.
 
     **Raises:** `TableError` with all faults of the file; `OSError` for a file that cannot be read.
     """
     path = user_path(file, "file")
-    table = Table(path, content_of(path), {**axes, **values}, aliases)
+    table = Table(path, content_of(path) if content is None else content, {**axes, **values}, aliases)
     found = [name for name in axes if name in table.columns]
     if found and set(values) & set(table.columns):
         table.check_rising(found[0])
