@@ -8,7 +8,7 @@ from .options import app, flag
 
 @app.command()
 @flag("--clear", "Delete all programs of this kind of processor.")
-def cache(clear) -> None:
+def cache(clear: bool) -> None:
     """List kept compiled programs: their folder, number, size and oldest program."""
     folder = kept_folder()
     if folder is None:

@@ -1,8 +1,9 @@
 """The command that chooses parameters by an objective."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -105,7 +106,7 @@ SPEED = Measure(PARAMETERS["speed"])
 )
 @result("design")
 @takes_case
-def design(case: Case, minimise, vary, speeds, constraint, check, margins, out, **options) -> int:
+def design(case: Case, minimise, vary, speeds, constraint, check, margins, out: Sequence[Path], **options) -> int:
     """Find the parameters within bounds that minimise an objective over a range of speeds.
 
     All other parameters keep the values of the scene.

@@ -1,12 +1,13 @@
 """The command that shows results in the browser."""
 
 import time
+from pathlib import Path
 
 import click
 
 from ..tools.files import listed
 from .options import CASE, FILE, FROM_ZERO, Case, app, flag, given, option, takes_case
-from .sweep import axis, make_grid
+from .sweep import Axis, axis, make_grid
 
 
 @app.command(of="explorer.launch.explore")
@@ -19,7 +20,7 @@ from .sweep import axis, make_grid
 @flag("--no-browser", "Print the address without opening a browser.")
 @takes_case
 @click.argument("source", metavar="[STORE|FILE|SCENE]", type=FILE, required=False)
-def explore(case: Case, over, by, port, no_browser, source) -> int:
+def explore(case: Case, over: Axis | None, by: Axis | None, port: int, no_browser: bool, source: Path | None) -> int:
     """Look at a map in the browser: click a point to see the motion of this slipper, drag a box to compute it finer.
 
     STORE or FILE: a store or a netCDF file that sweep, bifurcation, lyapunov or run wrote. SCENE: a TOML file, for

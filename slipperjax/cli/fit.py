@@ -1,5 +1,8 @@
 """The command that finds parameters from measured signals."""
 
+from collections.abc import Sequence
+from pathlib import Path
+
 import click
 
 from ..model.parameters import PARAMETERS
@@ -51,7 +54,17 @@ from .options import (
 @takes_case
 @click.argument("scene", metavar="FILE", type=INPUT)
 @click.argument("measured", metavar="RECORD...", type=INPUT, nargs=-1, required=True)
-def fit(case: Case, measured, fit, fit_sensor, by, starts, window, out, **options) -> int:
+def fit(
+    case: Case,
+    measured: tuple[Path, ...],
+    fit,
+    fit_sensor,
+    by: str,
+    starts: int,
+    window: int | None,
+    out: Sequence[Path],
+    **options,
+) -> int:
     """Find parameters of the scene of FILE, and numbers of its sensors, from the signals of RECORDs.
 
     FILE: a TOML file with a table for each sensor, such as [sensors.front]. RECORD: a CSV or netCDF file of a run,

@@ -1,7 +1,7 @@
 """The commands for one case: a trajectory, a periodic motion, and its branch through a parameter."""
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -55,7 +55,9 @@ BRANCH_PATIENCE = 10.0
 @begin
 @result("trajectory")
 @takes_case
-def simulate(case: Case, periods, saves_per_period, probe, begin, out) -> int:
+def simulate(
+    case: Case, periods: int, saves_per_period: int | None, probe: int, begin: float | None, out: Sequence[Path]
+) -> int:
     """Simulate one case and write its trajectory."""
     from ..orbits.simulate import simulate as run
     from ..results.result import Result
@@ -98,7 +100,7 @@ def _prepare(scene: Scene, periods: int, **options: object) -> None:
 )
 @result("orbit")
 @takes_case
-def orbit(case: Case, period, transient, out) -> int:
+def orbit(case: Case, period: int, transient: int | None, out: Sequence[Path]) -> int:
     """Find a periodic motion, stable or not, and print its Floquet multipliers and sequence of contacts."""
     from ..orbits.periodic import periodic_orbit
     from ..results.result import Result
@@ -149,7 +151,9 @@ def _is_missed(motion: "PeriodicOrbit") -> bool:
 )
 @result("branch")
 @takes_case
-def follow_branch(case: Case, over, source, period, transient, points, switch, brute, quantity, out) -> int:
+def follow_branch(
+    case: Case, over, source, period, transient, points, switch, brute, quantity, out: Sequence[Path]
+) -> int:
     """Follow a periodic motion, stable or not, as a parameter changes, and locate folds, flips and grazings."""
     from ..plots.branches import check_brute, check_quantity
     from ..sweeps.loading import load

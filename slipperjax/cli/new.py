@@ -27,7 +27,7 @@ from ..tools.description import TYPE
 from ..tools.files import content_of, user_path, write_whole
 from ..tools.tables import Table as Columns
 from ..tools.units import STANDARD_GRAVITY
-from .options import FILE, INPUT, Measure, app, flag, option
+from .options import FILE, INPUT, Adds, Measure, app, flag, option
 
 SLED = ((1.2, 0.9, -0.2), (-1.2, 0.9, -0.2), (1.2, -0.9, -0.2), (-1.2, -0.9, -0.2))
 """Places of the slippers of --sled [m]."""
@@ -46,13 +46,13 @@ TEXTS = {
 """Remarks on values of the file that are no fields of the scene, or estimated."""
 
 
-def _number(name: str, default: float | None, text: str):
+def _number(name: str, default: float | None, text: str) -> Adds:
     """Return an option for a number of the scene, by the name of its parameter."""
     q = PARAMETERS[name]
     return option(f"--{name}", Measure(q), f"{text} [{q.display_unit}].", default=default)
 
 
-def _measure(name: str, unit: str, text: str):
+def _measure(name: str, unit: str, text: str) -> Adds:
     """Return an option for another number with a unit."""
     return option(f"--{name}", Measure(Quantity(name, unit, text)), f"{text[0].upper()}{text[1:]} [{unit}].")
 
@@ -127,24 +127,24 @@ METRES = Measure(Quantity("mount", "m", "place on the sled"))
 @_measure("travel", "m", "length of the run; default: as far as the tables of rail and speed go")
 @flag("--force", "Replace an existing file.")
 def new(
-    file,
-    section,
-    corner,
-    centre,
-    inertia,
-    friction,
-    sled,
-    mount,
-    down,
-    drag_area,
-    load,
-    force,
-    speed,
-    end_speed,
-    rail,
-    right_rail,
-    travel,
-    **numbers,
+    file: Path,
+    section: Path | None,
+    corner: tuple[tuple[float, float], ...],
+    centre: tuple[float, float],
+    inertia: tuple[float, float, float] | None,
+    friction: float | None,
+    sled: bool,
+    mount: tuple[tuple[float, float, float], ...],
+    down: float | None,
+    drag_area: float | None,
+    load: Path | None,
+    force: bool,
+    speed: str,
+    end_speed: float | None,
+    rail: str,
+    right_rail: str | None,
+    travel: float | None,
+    **numbers: float,
 ) -> None:
     """Write a first scene: FILE, in TOML, with all numbers of the slipper or the sled, its rails and its run.
 

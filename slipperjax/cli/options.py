@@ -42,6 +42,12 @@ INTERRUPTED = 130
 """Exit code after Ctrl-C."""
 
 
+Command = Callable[..., object]
+"""The function of a command."""
+Adds = Callable[[Command], Command]
+"""A decorator that adds an option to a command."""
+
+
 @functools.cache
 def defaults(function: str) -> dict[str, object]:
     """Return the defaults of a function's arguments that are written as numbers, texts or tuples of these.
@@ -84,13 +90,13 @@ class _OptionOf(click.Option):
         return (value,) if self.multiple and isinstance(value, str) else value
 
 
-def option(name: str, type: Any, text: str, **more: Any):
+def option(name: str, type: Any, text: str, **more: Any) -> Adds:
     """Return an option of a command; `text` is its help, `more` are arguments of `click.option`."""
     kind = click.Option if "default" in more else _OptionOf
     return click.option(name, cls=kind, type=type, help=text, **more)
 
 
-def flag(name: str, text: str):
+def flag(name: str, text: str) -> Adds:
     """Return an option without a value."""
     return click.option(name, is_flag=True, help=text)
 
@@ -228,12 +234,12 @@ def parameters_of(quantities: Mapping[str, Quantity]) -> str:
     return f"Parameters: {units}; or a path such as section.play.2 [SI unit]. Other units: '1/16 in'."
 
 
-def bounds(name: str, text: str, **more: Any):
+def bounds(name: str, text: str, **more: Any) -> Adds:
     """Return an option that takes a parameter and its bounds."""
     return option(name, (str, VALUE, VALUE), f"{text} {parameters_of(PARAMETERS)}", metavar="NAME LOW HIGH", **more)
 
 
-def result(default: str | None, text: str = ""):
+def result(default: str | None, text: str = "") -> Adds:
     """Return the option --out of commands that write a result, whose value is a list of paths."""
     endings = (
         ".nc (all numbers), .png or .svg (a picture), .pdf (a picture or a report), .csv (tables), .xlsx (tables and "
@@ -247,7 +253,7 @@ def result(default: str | None, text: str = ""):
 _PAPER = inspect.signature(paper_scene).parameters  # help states their defaults
 
 
-def _of_case(name: str):
+def _of_case(name: str) -> Adds:
     """Return the option that overrides a parameter of the scene."""
     q = PARAMETERS[name]
     # the default scene is the paper's
@@ -347,7 +353,7 @@ class Case(NamedTuple):
         return ", ".join([*words, start])
 
 
-def takes_case(command: Callable) -> Callable:
+def takes_case(command: Command) -> Command:
     """Return a command that also has the options of `CASE`, and whose function gets a `Case` as its argument `case`.
 
     A command that has its own option or argument `scene` keeps it.
@@ -361,7 +367,7 @@ def takes_case(command: Callable) -> Callable:
         return command(case=case, **given)
 
     # decorators apply from the last, so that help lists the first option first
-    made: Callable = call
+    made: Command = call
     for name, add in reversed(CASE.items()):
         made = made if name in own else add(made)
     return made

@@ -1,5 +1,7 @@
 """The command that repeats the paper's study."""
 
+from pathlib import Path
+
 import click
 
 from .files import PARTIAL, make_folder
@@ -11,7 +13,7 @@ from .options import COUNT, FILE, app, flag, option
 @flag("--quick", "Use coarser grids and shorter transients.")
 @option("--transient", COUNT, "Forcing periods simulated before recording; default: 600, with --quick 300.")
 @option("--out", FILE, "Folder to write into.", default="reproduced")
-def reproduce(figures, quick, transient, out) -> None:
+def reproduce(figures: tuple[str, ...], quick: bool, transient: int | None, out: Path) -> None:
     """Repeat the paper's study: draw its figures, and report which of its claims hold.
 
     FIGURES: numbers from 4 to 13; default: all.

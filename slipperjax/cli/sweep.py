@@ -23,6 +23,7 @@ from .options import (
     FROM_ZERO,
     LOST,
     VALUE,
+    Adds,
     Case,
     app,
     begin,
@@ -51,7 +52,7 @@ PERIODS = {
 """Default of --periods by the record; for other records the default of `sweep`."""
 
 
-def axis(name: str, text: str, **more: Any):
+def axis(name: str, text: str, **more: Any) -> Adds:
     """Return an option that takes a parameter and the values over which it is varied."""
     return option(name, (str, VALUE, VALUE, COUNT), text, metavar="NAME FIRST LAST COUNT", **more)
 
@@ -78,7 +79,7 @@ show = option("--show", str, "Variable to draw; default: what suits the record."
 @begin
 @result("bifurcation")
 @takes_case
-def bifurcation(case: Case, over, log, out, **options) -> int:
+def bifurcation(case: Case, over: Axis, log: tuple[str, ...], out: Sequence[Path], **options) -> int:
     """Draw the five bifurcation diagrams over a parameter, from Poincare sections as in the paper's Fig. 5."""
     from ..sweeps.sweep import sweep as run
 
@@ -98,7 +99,7 @@ def bifurcation(case: Case, over, log, out, **options) -> int:
 @option("--orbits/--no-orbits", None, "Replace exponents of periodic cases by those of their orbits.")
 @result("lyapunov")
 @takes_case
-def lyapunov(case: Case, over, by, log, out, **options) -> int:
+def lyapunov(case: Case, over: Axis, by: Axis | None, log: tuple[str, ...], out: Sequence[Path], **options) -> int:
     """Compute the largest Lyapunov exponents over one parameter, or over two as a regime map."""
     from ..sweeps.sweep import lyapunov_sweep
 
@@ -143,7 +144,20 @@ def lyapunov(case: Case, over, by, log, out, **options) -> int:
 @result(None, " Default: sweep, or the name of the store, which is written as a picture alone.")
 @takes_case
 def sweep(
-    case: Case, over, by, log, sample, record, periods, begin, store, explain, show, out, transient, **storing
+    case: Case,
+    over: Axis,
+    by,
+    log,
+    sample,
+    record,
+    periods,
+    begin,
+    store,
+    explain,
+    show,
+    out: Sequence[Path],
+    transient,
+    **storing,
 ) -> int:
     """Simulate every combination of parameters, or a sample, into a file, or into a store that can be resumed."""
     from ..sweeps.explain import explain as estimate
@@ -339,7 +353,7 @@ path = click.argument("path", type=FILE)
 
 @store.command()
 @path
-def status(path) -> None:
+def status(path: Path) -> None:
     """Print how much of the store PATH is finished; it may still be growing."""
     from ..sweeps.store import store_status
 
@@ -348,7 +362,7 @@ def status(path) -> None:
 
 @store.command()
 @path
-def check(path) -> int:
+def check(path: Path) -> int:
     """Read the whole store PATH, and mark damaged tiles as missing, so that the next sweep computes them again.
 
     The exit code is 1 where tiles were damaged.
@@ -364,7 +378,7 @@ def check(path) -> int:
 @path
 @show
 @result(None, " Default: a picture with the name of the store.")
-def draw(path, show, out) -> None:
+def draw(path: Path, show: str | None, out: Sequence[Path]) -> None:
     """Draw the store PATH, which may still be growing."""
     from ..sweeps.loading import load
     from ..sweeps.store import store_status
