@@ -45,6 +45,8 @@ class RecordedSpan(NamedTuple):
     """`slipperjax.Status` codes."""
     scenes: Batched[Scene] | None = None
     """The scenes with which a chunk of cases began; None for a single orbit."""
+    states: State | None = None
+    """The states at the end; None for a single orbit."""
 
 
 class AbstractOutput(abc.ABC):

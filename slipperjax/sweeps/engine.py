@@ -109,7 +109,7 @@ def run_part(part: Part, states: State, epoch: float = 0.0, *, first: bool = Fal
         if errors:
             judged = with_accuracy(judged, np.max(errors, axis=0))
         steps = max(span.steps for span in stretch)
-        passed = RecordedSpan(recorded, steps, begin, judged, part.scenes)
+        passed = RecordedSpan(recorded, steps, begin, judged, part.scenes, states)
         made.append(records.finish(carry, samples.joined(), passed))
         carry = records.renewed(carry, initial_carry(records, part.scenes, states))
     values = plan.joined(made)

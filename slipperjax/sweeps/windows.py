@@ -30,6 +30,7 @@ from ..model.quantities import ACCELERATIONS, COORDINATES, Quantity
 from ..model.scene import Scene
 from ..tools.checks import instance, one_of, require, whole
 from ..tools.columns import column
+from ..tools.forms import store
 from ..tools.types import AnyArray, Real
 
 STRETCH = 100
@@ -203,17 +204,11 @@ class StateNumbers(AbstractRecord):
     name = "state"
     inside = False
 
-    def last(self, periods):
-        return 1
-
     def values(self, scene, periods):
         return len(StateLayout.of(scene).numbers)
 
-    def sample(self, course):
-        return course.end
-
     def finish(self, carried, samples, span):
-        return StateLayout.pack(jax.tree.map(lambda a: a[:, -1], samples))
+        return StateLayout.pack(span.states)
 
     def label(self, scene, dims, values):
         text = "all numbers of the state at the end of each stretch"
@@ -364,13 +359,20 @@ class ThirdOctaves(AbstractRecord):
         return 2 * (SAMPLES_PER_WINDOW + 3) * periods
 
     def sample(self, course):
-        # the window's share of each sample: neighbours have the rest of the first three and the last three samples
         # two places in each step, for the greatest number of steps in a window
         each = -(-max(2 * course.capacity, 4 * SAMPLES_PER_WINDOW) // SAMPLES_PER_WINDOW)
         places = (np.arange(SAMPLES_PER_WINDOW * each) + 0.5) / each
-        weights = _cubic_spline(places[None] - np.arange(-1, SAMPLES_PER_WINDOW + 2)[:, None]) / each
-        values = course.acceleration.at(places / SAMPLES_PER_WINDOW)[:, :2]
-        return weights @ values, jnp.asarray(course.travel.period)
+        # stored, so that the curve is computed once at each place, and not once for each sample
+        values = store(course.acceleration.at(places / SAMPLES_PER_WINDOW)[:, :2])
+        between = values.reshape(SAMPLES_PER_WINDOW, each, 2)
+        # the window's share of each sample: neighbours have the rest of the first three and the last three samples;
+        # the values between two samples are in the means of these two and of the next one on either side
+        shares = jnp.zeros((SAMPLES_PER_WINDOW + 3, 2))
+        for k in range(4):
+            weights = _cubic_spline(places[:each] + 1 - k) / each
+            share = sum(weight * between[:, place] for place, weight in enumerate(weights))
+            shares += jnp.pad(share, ((k, 3 - k), (0, 0)))
+        return shares, jnp.asarray(course.travel.period)
 
     def finish(self, carried, samples, span):
         return _bands(*map(np.asarray, samples))
