@@ -422,9 +422,11 @@ def _bands(
     result = np.full((len(signal), len(BANDS), 2), np.nan)
     for k, middle in enumerate(BANDS):
         low, high = (middle * 10 ** (sign / 20) / rate for sign in (-1, 1))
-        inside = (frequency[None] >= low[:, None]) & (frequency[None] < high[:, None])
+        # only frequencies that are in this band for some case
+        near = slice(*np.searchsorted(frequency, (low.min(), high.max())))
+        inside = (frequency[near] >= low[:, None]) & (frequency[near] < high[:, None])
         # in cycles per sample: below a quarter, and wider than the resolution
         known = (high <= 0.25) & ((high - low) * count >= 1)
-        square = np.sum(np.where(inside[..., None], density, 0.0), axis=1) / count
+        square = np.sum(np.where(inside[..., None], density[:, near], 0.0), axis=1) / count
         result[:, k] = np.where(known[:, None], np.sqrt(square), np.nan)
     return result
