@@ -11,7 +11,6 @@ With `base = "paper"` everything that a file leaves out is as in `slipperjax.pap
 """
 
 import dataclasses
-import functools
 import inspect
 import json
 import re
@@ -32,6 +31,7 @@ from ..tools.files import user_path
 from ..tools.tables import TableError, station
 from ..tools.units import parsed
 from .dang2024 import paper_scene
+from .faults import Fault, FaultyTrack
 from .kinematics import Motion, check_motion
 from .loads import SumLoad, TabulatedLoad
 from .modes import Modes, load_modes
@@ -46,7 +46,7 @@ from .starts import AtRest
 from .step_size import given_steps
 from .surveys import SurveyedRails, SurveyedTrack, load_rail, load_speed
 from .thrust import RocketSled, WaterBrake, read_thrust
-from .tracks import AbstractTrack, LocalTrack, StraightTrack, SumTrack, TwoRails
+from .tracks import AbstractTrack, StraightTrack
 from .travel import SpeedProgramme, Stage
 
 BODY = ("slipper", "mounts", "modes")
@@ -352,37 +352,35 @@ class _Reader:
 
     def track(self, table: Table, inherited: AbstractTrack | None) -> AbstractTrack:
         """Return the track, with the faults that the table adds: to all rails, or to the left or the right rail."""
+        if table.get(TYPE) == FaultyTrack.__name__:  # as `Scene.to_toml` writes it
+            return self.part("track", table, inherited)
         of_all = table.pop("faults", [])
-        of_one = {side: list(_taken(table, side, "faults")) for side in ("left", "right")}
+        of_one = {side: _taken(table, side, "faults") for side in ("left", "right")}
         track = self.part("track", table, inherited)
         assert isinstance(track, AbstractTrack)
+        if not of_all and not any(of_one.values()):
+            return track
         unit = getattr(track, "distance_unit", "m")
-        for k, row in enumerate(of_all):
-            track = SumTrack(track, self.fault(row, unit, "track.faults", k))
-        if any(of_one.values()):
-            require(track.rails, "faults", "be [[track.faults]] on a track of one rail", shown="of one side")
-            sides = {
-                side: [self.fault(row, unit, f"track.{side}.faults", k) for k, row in enumerate(rows)]
-                for side, rows in of_one.items()
-            }
-            joined = {side: functools.reduce(SumTrack, rows) for side, rows in sides.items() if rows}
-            track = SumTrack(track, TwoRails(**{side: joined.get(side, StraightTrack()) for side in of_one}))
-        return track
+        made = lambda rows, place: [self.fault(row, unit, f"{place}.faults", k) for k, row in enumerate(rows)]
+        require(
+            track.rails or not any(of_one.values()), "faults", "be [[track.faults]] on one rail", shown="of a side"
+        )
+        sides = {
+            side: FaultyTrack(StraightTrack(), made(rows, f"track.{side}")) for side, rows in of_one.items() if rows
+        }
+        return FaultyTrack(track, made(of_all, "track"), **sides)
 
-    def fault(self, row: object, unit: str, place: str, number: int) -> LocalTrack:
+    def fault(self, row: object, unit: str, place: str, number: int) -> Fault:
         """Return a fault of a rail from its table.
 
         **Arguments:** `unit`: of stations; `place`, `number`: of the table, for errors.
         """
         with self.placed(place, number):
             table = dict(instance("faults", row, dict, "a table, [[track.faults]], for each fault"))
-            check_known(table, ("at", "kind", "height", "length", "direction"))
             at = table.get("at")
-            is_station = isinstance(at, str) and "+" in at
-            middle = station("at", at, unit) if is_station else quantity("at", at, "m")
-            height, length = (quantity(name, table.get(name), "m") for name in ("height", "length"))
-            kind = {"shape": table.get("kind", "dip"), "direction": table.get("direction", "vertical")}
-            return LocalTrack([middle], [height], length, **kind)
+            if isinstance(at, str) and "+" in at:
+                table["at"] = f"{station('at', at, unit)!r} m"
+            return self.made(Fault, table, "faults")
 
     def programme(self, table: Table) -> SpeedProgramme:
         """Return the programme of speeds in the table `speed`: stages, a file, times or places."""
