@@ -1,7 +1,6 @@
 """The command that runs a scene over a length of rail, and reports the values that a track test would measure."""
 
 import itertools
-import json
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -32,10 +31,9 @@ from .options import (
     shown_value,
     takes_case,
 )
-from .sweep import target
+from .sweep import keep_units, target
 
 if TYPE_CHECKING:
-    from ..results.result import Result
     from ..sweeps.store import Store
 
 SEPARATOR = "\t"
@@ -148,7 +146,7 @@ def _single(case: Case, options: dict[str, object], files: Outputs, changes: dic
     options.setdefault("record", _records(case, options))
     with keeping(files.keep):
         ran = over_rail(case.scene, **options, probe=3, progress=True)
-    _keep_units(ran, case)
+    keep_units(ran, case)
     said(files.write(ran), case.text(start=_start(case)), *ran.summary())
     lost = is_lost(int(ran.status))
     # for a lost run only its status is printed
@@ -192,7 +190,7 @@ def _over_rails(case: Case, options: dict[str, object], ensemble: Mapping[str, A
     if _is_share(store):
         return 0
     report = loads(ran, over="case", **sized)
-    _keep_units(report, case)
+    keep_units(report, case)
     said(files.write(report), case.text(start=_start(case)), *report.summary())
     return LOST if is_lost(report["status"].values).all() else 0
 
@@ -223,14 +221,6 @@ def _is_share(store: "Store | None") -> bool:
     return status.tiles_done < status.tiles
 
 
-def _keep_units(result: "Result", case: Case) -> None:
-    """Add the units of the scene's file to a result, so that later reports also use them."""
-    from ..plots.style import UNITS
-
-    assert case.file is not None
-    result.attrs[UNITS] = json.dumps(case.file.units)
-
-
 def _compared(case: Case, over: Sequence[str], options: dict[str, Any], files: Outputs) -> int:
     """Compare designs; write and print the results."""
     from ..sweeps.compare import compare
@@ -250,7 +240,7 @@ def _compared(case: Case, over: Sequence[str], options: dict[str, Any], files: O
         found = compare(case.scene, designs, progress=True, **options)
     if _is_share(store):
         return 0
-    _keep_units(found, case)
+    keep_units(found, case)
     said(files.write(found), case.text(designs, _start(case)), *found.summary())
     # by the last quantile, which decides
     return 0 if np.isfinite(found["value"].values[..., -1]).all() else LOST

@@ -78,11 +78,11 @@ def _content(
         return _matlab(ds)
     if ending == ".xlsx":
         return _workbook(kind, ds, units)
-    from ..plots.style import content_of, png
+    from ..plots.style import content_of, in_units, png
 
-    own = {"units": units} if kind.title and units is not None else {}
+    ds = in_units(ds, units)
     # all Axes of a picture are in one figure
-    draw = lambda: np.asarray(kind.plot(ds, **own, **options)).flat[0].figure
+    draw = lambda: np.asarray(kind.plot(ds, **options)).flat[0].figure
     if ending == ".pdf" and kind.title:
         text = (kind.report or kind.summary)(ds, units)
         return _report(kind.title, text, kind.pages(ds) if kind.pages else [draw()])
