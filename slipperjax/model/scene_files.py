@@ -86,14 +86,16 @@ class RunTable(ShapeChecked):
 
 
 class EnvironmentTable(ShapeChecked):
-    """The table `environment` of a scene's file: arguments of `slipperjax.environment` other than its runs."""
+    """The vibration environment of places on the sled: arguments of `slipperjax.environment` other than its runs."""
 
     places: Float[Array, "places 3"] = field("m", finite)
+    """x, y and z of each place from the centre of mass [m]."""
     window: Float[Array, ""] | None = field("s", positive, default=None)
     low: Float[Array, ""] | None = field("Hz", positive, default=None)
     high: Float[Array, ""] | None = field("Hz", positive, default=None)
     quality: Float[Array, ""] | None = field("", positive, default=None)
     margin: Float[Array, ""] | None = field("", finite, default=None)
+    """Margin of the specification over the greatest density [dB]."""
 
     def __check_init__(self):
         if self.low is not None and self.high is not None:
@@ -101,9 +103,10 @@ class EnvironmentTable(ShapeChecked):
 
 
 class LoadsTable(ShapeChecked):
-    """The table `loads` of a scene's file: arguments of `slipperjax.sweeps.loads` other than its runs."""
+    """The loads that size parts: arguments of `slipperjax.sweeps.loads` other than its runs."""
 
     means: Float[Array, " means"] = field("s", positive, default=())
+    """Times over which loads are averaged [s]."""
     quantiles: tuple[float, ...] | None = None
 
 
