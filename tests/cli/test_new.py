@@ -259,6 +259,14 @@ def test_what_is_wrong_is_one_line_and_writes_nothing(options, words, tmp_path, 
 
 
 @pytest.mark.full
+def test_joints_without_a_reading_are_as_chosen(tmp_path, capsys):
+    rows = [f"{k / 4},0,{'' if k == 8 else 0.01 * (k > 8)}" for k in range(400)]
+    (tmp_path / "rail.csv").write_text("\n".join(["distance [m],lateral [mm],vertical [mm]", *rows]))
+    scene = written(tmp_path, capsys, "--rail", tmp_path / "rail.csv", "--joints", "hold")
+    assert scene.track.joints == "hold"
+    assert float(scene.track.vertical[8]) == 0.0
+
+
 def test_a_file_that_is_there_stays(tmp_path, capsys):
     file = tmp_path / "sled.toml"
     file.write_text("hers")
