@@ -81,7 +81,7 @@ class _Comparing(CommandOf):
 )
 @option("--store", FILE, "With --rails or --over: keep runs in this store, from which the same command continues.")
 @option("--share", str, "With --store: compute only share I of N of the runs, for jobs of an array.", metavar="I/N")
-@option("--margin", float, "Margin of the specification of a table [environment] [dB].", default=None)
+@option("--margin", float, "Margin of the specification of a table [environment] [dB], without --over.", default=None)
 @result("run")
 @takes_case
 @click.argument("scene", metavar="FILE", type=INPUT)
@@ -109,14 +109,32 @@ def run(
     of_file = {name: value for name, value in file.run.items() if not given(name)}
     options = case.options | {"begin": begin} | of_file
     files = Outputs(out)
+    changes = {} if margin is None else {"margin": margin}
     if over:
+        require(not changes, "--margin", "not come with --over, which makes no specification", shown="given")
         return _compared(case, over, options | ensemble, files)
     if given("rails"):
         require(not given("starts"), "--starts", "come with --over", ensemble["starts"])
-        return _over_rails(case, options, ensemble, files)
+        return _over_rails(case, options, ensemble, files, changes)
     for name in ensemble:
         require(not given(name), f"--{name}", "come with --over", ensemble[name])
-    return _single(case, options, files, {} if margin is None else {"margin": margin})
+    return _single(case, options, files, changes)
+
+
+def _environment_of(case: Case, changes: dict[str, float]) -> dict[str, Any] | None:
+    """Return the arguments of the environment that the file asks for, with changes; None where it asks for none.
+
+    They are checked here, before a long run.
+    """
+    from ..sweeps.environment import check_environment
+
+    assert case.file is not None
+    asked = case.file.environment
+    if asked is None:
+        require(not changes, "--margin", "come with a table [environment]", changes.get("margin"))
+        return None
+    check_environment(case.scene, **asked | changes)
+    return asked | changes
 
 
 def _single(case: Case, options: dict[str, object], files: Outputs, changes: dict[str, float]) -> int:
@@ -124,17 +142,13 @@ def _single(case: Case, options: dict[str, object], files: Outputs, changes: dic
 
     **Arguments:** `changes`: of the arguments of the environment.
     """
-    from ..sweeps.environment import check_environment, environment
+    from ..sweeps.environment import environment
     from ..sweeps.loads import check_loads, loads
     from ..sweeps.runs import run as over_rail
 
     file = case.file
     assert file is not None
-    # checked before a long run
-    require(not changes or file.environment is not None, "--margin", "come with a table [environment]", changes)
-    places = None if file.environment is None else file.environment | changes
-    if places is not None:
-        check_environment(case.scene, **places)
+    places = _environment_of(case, changes)
     if file.loads is not None:
         check_loads(case.scene, file.loads["means"], file.loads["cuts"])
     reports = [
@@ -172,15 +186,22 @@ def _records(case: Case, options: Mapping[str, object]) -> list[object]:
     return records
 
 
-def _over_rails(case: Case, options: dict[str, object], ensemble: Mapping[str, Any], files: Outputs) -> int:
-    """Run over many rails; write and print the loads of each slipper, with their quantiles."""
+def _over_rails(
+    case: Case, options: dict[str, object], ensemble: Mapping[str, Any], files: Outputs, changes: dict[str, float]
+) -> int:
+    """Run over many rails; write and print the loads of each slipper, with their quantiles, and the environment.
+
+    **Arguments:** `changes`: of the arguments of the environment.
+    """
     from ..sweeps.compare import on_rails
+    from ..sweeps.environment import environment
     from ..sweeps.loads import check_loads, loads
     from ..sweeps.runs import run as over_rail
 
     assert case.file is not None
     sized = {"quantiles": ensemble["quantiles"]} | (case.file.loads or {})
     check_loads(case.scene, sized.get("means", ()), sized.get("cuts", ()))
+    places = _environment_of(case, changes)
     store = _store(ensemble, ensemble["rails"])
     scene, rails = on_rails(case.scene, ensemble["rails"])
     require(rails, "--rails", "be 2 or more", ensemble["rails"])
@@ -192,7 +213,12 @@ def _over_rails(case: Case, options: dict[str, object], ensemble: Mapping[str, A
     report = loads(ran, over="case", **sized)
     keep_units(report, case)
     said(files.write(report), case.text(start=_start(case)), *report.summary())
-    return LOST if is_lost(report["status"].values).all() else 0
+    if is_lost(report["status"].values).all():
+        return LOST
+    if places is not None:
+        vibration = environment(ran, **places)
+        said(files.named("-environment").write(vibration), *vibration.summary())
+    return 0
 
 
 def _store(ensemble: Mapping[str, Any], runs: int) -> "Store | None":

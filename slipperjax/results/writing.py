@@ -29,6 +29,10 @@ WIDTH = 105
 """Characters in a line of a page of text."""
 LINES = 78
 """Lines on a page of text."""
+DPI = 300
+"""Least pixels per inch of a PNG file, also where a text spreads it over `TEXT`."""
+TEXT = 16 / 2.54
+"""Width of a page in a text [inches]."""
 PAGE = (7.2, 9.4)
 """Size of a page of text [inches]."""
 
@@ -86,7 +90,10 @@ def _content(
     if ending == ".pdf" and kind.title:
         text = (kind.report or kind.summary)(ds, units)
         return _report(kind.title, text, kind.pages(ds) if kind.pages else [draw()])
-    return png(draw(), 300) if ending == ".png" else content_of(draw(), ending[1:])
+    figure = draw()
+    if ending == ".png":
+        return png(figure, round(DPI * max(1.0, TEXT / figure.get_figwidth())))
+    return content_of(figure, ending[1:])
 
 
 def _matlab(ds: "xr.Dataset") -> Content:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from matplotlib.colors import to_hex, to_rgb
+from PIL import Image
 
 import slipperjax as sj
 from slipperjax import plots
@@ -128,9 +129,14 @@ def test_a_sweep_is_drawn_and_written_in_units_of_one_s_choice(tmp_path, monkeyp
     assert labels(of_file.plot()) == ("speed $V$ [ft/s]", r"$F_{\mathrm{max}}$ [kN]")
     assert labels(of_file.plot(units=[])) == ("speed $V$ [m/s]", r"$F_{\mathrm{max}}$ [kN]")
     written = []
-    monkeypatch.setattr(style, "png", lambda figure, dpi: written.append(labels(figure.axes[0])) or b"")
+    keep = style.png
+    monkeypatch.setattr(style, "png", lambda figure, dpi: written.append(labels(figure.axes[0])) or keep(figure, dpi))
     result.write(tmp_path / "sweep.png", units=["ft", "lbf"])
     assert written == [labels(ax)]
+    # 300 dpi where a text spreads it over 16 cm, of which its own width, 3.5 inches, is a part
+    with Image.open(tmp_path / "sweep.png") as image:
+        assert image.width == 1890
+        assert image.width / image.info["dpi"][0] == pytest.approx(3.5, rel=1e-3)
     with pytest.raises(ValueError, match="`units` must be units of"):
         result.write(tmp_path / "sweep.png", units=["furlong per"])
 
