@@ -355,10 +355,10 @@ class _Reader:
 
     def track(self, table: Table, inherited: AbstractTrack | None) -> AbstractTrack:
         """Return the track, with the faults that the table adds: to all rails, or to the left or the right rail."""
-        if table.get(TYPE) == FaultyTrack.__name__:  # as `Scene.to_toml` writes it
-            return self.part("track", table, inherited)
-        of_all = table.pop("faults", [])
-        of_one = {side: _taken(table, side, "faults") for side in ("left", "right")}
+        # as `Scene.to_toml` writes it, with a type in each table
+        whole = table.get(TYPE) == FaultyTrack.__name__
+        of_all = [] if whole else table.pop("faults", [])
+        of_one = {side: [] if whole else _taken(table, side, "faults") for side in ("left", "right")}
         track = self.part("track", table, inherited)
         assert isinstance(track, AbstractTrack)
         if not of_all and not any(of_one.values()):
