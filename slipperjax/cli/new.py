@@ -1,6 +1,7 @@
 """The command that writes a first scene file: every number with its unit and its meaning."""
 
 import dataclasses
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from string import ascii_uppercase
@@ -9,19 +10,23 @@ import click
 import numpy as np
 
 from ..model.dang2024 import paper_scene
+from ..model.faults import Fault, FaultyTrack
+from ..model.kinematics import Motion
 from ..model.loads import AerodynamicLoad, AppliedLoad, Coulomb, TabulatedLoad
 from ..model.parameters import PARAMETERS
+from ..model.payload import Payload
 from ..model.quantities import Quantity
 from ..model.random_rails import RandomRails, RandomTrack
 from ..model.scene import Scene
-from ..model.scene_files import RunTable, scene_from_toml
+from ..model.scene_files import EnvironmentTable, LoadsTable, RunTable, scene_from_toml
 from ..model.scene_text import Table, table_of, toml_lines
 from ..model.section import Section
 from ..model.sled import Mount, Sled
 from ..model.slipper import Slipper
-from ..model.surveys import SurveyedRails, SurveyedTrack, load_speed
+from ..model.surveys import JOINTS, SurveyedRails, SurveyedTrack, load_speed
 from ..model.tracks import TwoRails
 from ..model.travel import SpeedProgramme
+from ..model.wear import Wear
 from ..tools.checks import require
 from ..tools.description import TYPE
 from ..tools.files import content_of, user_path, write_whole
@@ -121,6 +126,7 @@ METRES = Measure(Quantity("mount", "m", "place on the sled"))
     "The right rail, in the form of --rail; default: the same survey or spectrum.",
     metavar="RAIL",
 )
+@option("--joints", str, f"Places without a reading in a survey: {', '.join(JOINTS)}; default: an error.")
 @_measure("down", "N", "force downwards on the slipper, such as a share of the sled's weight")
 @_measure("drag-area", "m^2", "drag coefficient times area")
 @option("--load", FILE, "Table of loads: columns time, distance or speed, and thrust, force_z, ...")
@@ -143,6 +149,7 @@ def new(
     end_speed: float | None,
     rail: str,
     right_rail: str | None,
+    joints: str | None,
     travel: float | None,
     **numbers: float,
 ) -> None:
@@ -170,7 +177,7 @@ def new(
         sides = np.where(places[:, 1] > 0, "left", "right") if places[:, 1].any() else [""] * len(places)
         body["mounts"] = [Mount(*place, rail=str(side)) for place, side in zip(places, sides, strict=True)]
     slipper = Sled(**body) if is_sled else Slipper(**body)
-    way = _way(places, speed, end_speed, rail, right_rail, travel)
+    way = _way(places, speed, end_speed, rail, right_rail, joints, travel)
     scene = dataclasses.replace(paper_scene(), slipper=slipper, section=own_section, track=way["track"])
     tables = {**table_of(scene.replace(**values)).values, **way}
     if inertia is None:
@@ -187,19 +194,40 @@ def new(
         loads.append(Table(TabulatedLoad, of_file, {"file": TEXTS["loads"]}))
     if loads:
         tables["load"] = loads
+    optional = {name: part for name, part in _examples().items() if tables.get(name) is None}
+    tables = {name: part for name, part in tables.items() if name not in optional}
+    fault = Table(Fault, {"at": float(scene.track.origin) + 20.0, "height": -1e-3, "length": 0.5, "kind": "joint"})
+    examples = [
+        *toml_lines(Table(Scene, optional), remarks=True),
+        *toml_lines(Table(FaultyTrack, {"faults": [fault]}), "track", remarks=True),
+    ]
     text = [
         f"# A {'sled on slippers' if is_sled else 'slipper on a rail'}. Run it by",
         f"#     slipperjax run {file.name}",
-        '# Every number has a unit, any of its kind, as "1.5 mm" or "1/16 in". What stands behind # is a remark. The',
-        "# page docs/how_to/scenes.md shows all tables.",
+        '# Every number has a unit, any of its kind, as "1.5 mm" or "1/16 in". What stands behind # is a remark;',
+        "# tables at the end count without the # before their lines. The page docs/how_to/scenes.md shows all.",
         "",
         *toml_lines(Table(Scene, tables), remarks=True, folder=file.parent),
+        *("#" * bool(re.match(r"[^#]", line)) + line for line in "\n".join(examples).splitlines()),
         "",
     ]
     # errors are found before anything is written
     scene_from_toml("\n".join(text), str(file))
     write_whole(file, "\n".join(text).encode())
     print(f"wrote {file}: look through it, and run it by slipperjax run {file}")
+
+
+def _examples() -> dict[str, object]:
+    """Return tables that a file may have, by name, with values to begin with."""
+    return {
+        "friction": Coulomb(0.2),
+        "load": [Table(AppliedLoad, {TYPE: AppliedLoad.__name__, "force": [0.0, 0.0, -800.0]})],
+        "payload": Table(Payload, {"mass": 100.0, "stiffness": [2e6, 8e6]}),
+        "wear": Wear(1e-13),
+        "start": Table(Motion, {"v_y": 0.5, "z": 1e-4}),
+        "environment": EnvironmentTable([[0.0, 0.0, 0.05]], margin=3.0),
+        "loads": LoadsTable([1e-3, 5e-3]),
+    }
 
 
 def _section(table: Path | None, corners: Sequence[Sequence[float]], centre: Sequence[float]) -> Section:
@@ -233,7 +261,13 @@ def _section(table: Path | None, corners: Sequence[Sequence[float]], centre: Seq
 
 
 def _way(
-    places: np.ndarray, speed: str, end_speed: float | None, rail: str, right: str | None, travel: float | None
+    places: np.ndarray,
+    speed: str,
+    end_speed: float | None,
+    rail: str,
+    right: str | None,
+    joints: str | None,
+    travel: float | None,
 ) -> dict[str, object]:
     """Return track, speed and run of slippers at places [m], from options."""
     y = places[:, 1]
@@ -247,7 +281,10 @@ def _way(
     for name, text in rails.items():
         if text not in RAILS:
             path = _existing(name, text, f"one of {', '.join(RAILS)}")
-            surveys[name] = SurveyedRails(path, gauge=gauge) if two and right is None else SurveyedTrack(path)
+            both = two and right is None
+            surveys[name] = (
+                SurveyedRails(path, gauge=gauge, joints=joints) if both else SurveyedTrack(path, joints=joints)
+            )
     begin = max((float(survey.begin) for survey in surveys.values()), default=0.0)
     spans = [min(float(survey.extent) for survey in surveys.values()) - begin] if surveys else []
     history = None

@@ -1,7 +1,6 @@
 """The command that runs a scene over a length of rail, and reports the values that a track test would measure."""
 
 import itertools
-import json
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -32,10 +31,9 @@ from .options import (
     shown_value,
     takes_case,
 )
-from .sweep import target
+from .sweep import keep_units, target
 
 if TYPE_CHECKING:
-    from ..results.result import Result
     from ..sweeps.store import Store
 
 SEPARATOR = "\t"
@@ -83,7 +81,7 @@ class _Comparing(CommandOf):
 )
 @option("--store", FILE, "With --rails or --over: keep runs in this store, from which the same command continues.")
 @option("--share", str, "With --store: compute only share I of N of the runs, for jobs of an array.", metavar="I/N")
-@option("--margin", float, "Margin of the specification of a table [environment] [dB].", default=None)
+@option("--margin", float, "Margin of the specification of a table [environment] [dB], without --over.", default=None)
 @result("run")
 @takes_case
 @click.argument("scene", metavar="FILE", type=INPUT)
@@ -111,14 +109,32 @@ def run(
     of_file = {name: value for name, value in file.run.items() if not given(name)}
     options = case.options | {"begin": begin} | of_file
     files = Outputs(out)
+    changes = {} if margin is None else {"margin": margin}
     if over:
+        require(not changes, "--margin", "not come with --over, which makes no specification", shown="given")
         return _compared(case, over, options | ensemble, files)
     if given("rails"):
         require(not given("starts"), "--starts", "come with --over", ensemble["starts"])
-        return _over_rails(case, options, ensemble, files)
+        return _over_rails(case, options, ensemble, files, changes)
     for name in ensemble:
         require(not given(name), f"--{name}", "come with --over", ensemble[name])
-    return _single(case, options, files, {} if margin is None else {"margin": margin})
+    return _single(case, options, files, changes)
+
+
+def _environment_of(case: Case, changes: dict[str, float]) -> dict[str, Any] | None:
+    """Return the arguments of the environment that the file asks for, with changes; None where it asks for none.
+
+    They are checked here, before a long run.
+    """
+    from ..sweeps.environment import check_environment
+
+    assert case.file is not None
+    asked = case.file.environment
+    if asked is None:
+        require(not changes, "--margin", "come with a table [environment]", changes.get("margin"))
+        return None
+    check_environment(case.scene, **asked | changes)
+    return asked | changes
 
 
 def _single(case: Case, options: dict[str, object], files: Outputs, changes: dict[str, float]) -> int:
@@ -126,17 +142,13 @@ def _single(case: Case, options: dict[str, object], files: Outputs, changes: dic
 
     **Arguments:** `changes`: of the arguments of the environment.
     """
-    from ..sweeps.environment import check_environment, environment
+    from ..sweeps.environment import environment
     from ..sweeps.loads import check_loads, loads
     from ..sweeps.runs import run as over_rail
 
     file = case.file
     assert file is not None
-    # checked before a long run
-    require(not changes or file.environment is not None, "--margin", "come with a table [environment]", changes)
-    places = None if file.environment is None else file.environment | changes
-    if places is not None:
-        check_environment(case.scene, **places)
+    places = _environment_of(case, changes)
     if file.loads is not None:
         check_loads(case.scene, file.loads["means"], file.loads["cuts"])
     reports = [
@@ -148,7 +160,7 @@ def _single(case: Case, options: dict[str, object], files: Outputs, changes: dic
     options.setdefault("record", _records(case, options))
     with keeping(files.keep):
         ran = over_rail(case.scene, **options, probe=3, progress=True)
-    _keep_units(ran, case)
+    keep_units(ran, case)
     said(files.write(ran), case.text(start=_start(case)), *ran.summary())
     lost = is_lost(int(ran.status))
     # for a lost run only its status is printed
@@ -174,15 +186,22 @@ def _records(case: Case, options: Mapping[str, object]) -> list[object]:
     return records
 
 
-def _over_rails(case: Case, options: dict[str, object], ensemble: Mapping[str, Any], files: Outputs) -> int:
-    """Run over many rails; write and print the loads of each slipper, with their quantiles."""
+def _over_rails(
+    case: Case, options: dict[str, object], ensemble: Mapping[str, Any], files: Outputs, changes: dict[str, float]
+) -> int:
+    """Run over many rails; write and print the loads of each slipper, with their quantiles, and the environment.
+
+    **Arguments:** `changes`: of the arguments of the environment.
+    """
     from ..sweeps.compare import on_rails
+    from ..sweeps.environment import environment
     from ..sweeps.loads import check_loads, loads
     from ..sweeps.runs import run as over_rail
 
     assert case.file is not None
     sized = {"quantiles": ensemble["quantiles"]} | (case.file.loads or {})
     check_loads(case.scene, sized.get("means", ()), sized.get("cuts", ()))
+    places = _environment_of(case, changes)
     store = _store(ensemble, ensemble["rails"])
     scene, rails = on_rails(case.scene, ensemble["rails"])
     require(rails, "--rails", "be 2 or more", ensemble["rails"])
@@ -192,9 +211,14 @@ def _over_rails(case: Case, options: dict[str, object], ensemble: Mapping[str, A
     if _is_share(store):
         return 0
     report = loads(ran, over="case", **sized)
-    _keep_units(report, case)
+    keep_units(report, case)
     said(files.write(report), case.text(start=_start(case)), *report.summary())
-    return LOST if is_lost(report["status"].values).all() else 0
+    if is_lost(report["status"].values).all():
+        return LOST
+    if places is not None:
+        vibration = environment(ran, **places)
+        said(files.named("-environment").write(vibration), *vibration.summary())
+    return 0
 
 
 def _store(ensemble: Mapping[str, Any], runs: int) -> "Store | None":
@@ -223,14 +247,6 @@ def _is_share(store: "Store | None") -> bool:
     return status.tiles_done < status.tiles
 
 
-def _keep_units(result: "Result", case: Case) -> None:
-    """Add the units of the scene's file to a result, so that later reports also use them."""
-    from ..plots.style import UNITS
-
-    assert case.file is not None
-    result.attrs[UNITS] = json.dumps(case.file.units)
-
-
 def _compared(case: Case, over: Sequence[str], options: dict[str, Any], files: Outputs) -> int:
     """Compare designs; write and print the results."""
     from ..sweeps.compare import compare
@@ -250,7 +266,7 @@ def _compared(case: Case, over: Sequence[str], options: dict[str, Any], files: O
         found = compare(case.scene, designs, progress=True, **options)
     if _is_share(store):
         return 0
-    _keep_units(found, case)
+    keep_units(found, case)
     said(files.write(found), case.text(designs, _start(case)), *found.summary())
     # by the last quantile, which decides
     return 0 if np.isfinite(found["value"].values[..., -1]).all() else LOST

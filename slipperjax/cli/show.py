@@ -132,9 +132,8 @@ def _differences(a: "xr.Dataset", b: "xr.Dataset") -> Iterator[str]:
 
 def _greatest(a: "xr.Dataset", b: "xr.Dataset") -> Iterator[tuple[str, float, float, float]]:
     """Yield the greatest magnitude of each number of both results, of each slipper and axis, in a user's units."""
-    from ..plots.style import quantity_of, shown_units
+    from ..plots.style import quantity_of
 
-    units = shown_units(a)
     for name, values in a.data_vars.items():
         # places are no magnitudes
         is_number = values.dtype.kind == "f" and "units" in values.attrs and not str(name).endswith("distance")
@@ -145,7 +144,7 @@ def _greatest(a: "xr.Dataset", b: "xr.Dataset") -> Iterator[tuple[str, float, fl
         one, other = (abs(ds[name]).max(over).transpose(*kept) for ds in (a, b))
         if one.shape != other.shape:
             continue
-        q = units.of(quantity_of(str(name), a))
+        q = quantity_of(str(name), a)
         unit = "" if q.display_unit == "1" else f" [{q.display_unit}]"
         for at in np.ndindex(one.shape):
             labels = "".join(f" {one[dim].values[k]}" for dim, k in zip(kept, at, strict=True))

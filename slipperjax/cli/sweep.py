@@ -1,5 +1,6 @@
 """The commands that run many cases, and the commands for stores of cases."""
 
+import json
 import math
 import sys
 import time
@@ -319,6 +320,7 @@ def _swept(
     with keeping(keep, path):
         found = function(case.scene, grid, progress=True, **case.options, **options)
     seconds = time.perf_counter() - before
+    keep_units(found, case)
     if files is None:
         assert store is not None
         said(f"share {store.share[0]}/{store.share[1]}: {store_status(store.path)}")
@@ -327,6 +329,14 @@ def _swept(
     said(case.text(grid), *found.summary(), f"{seconds:.1f} s with compiling")
     # one case with valid numbers gives a result
     return LOST if is_lost(found["status"].values).all() else 0
+
+
+def keep_units(found: "Result", case: Case) -> None:
+    """Add the units of the scene's file, if any, to a result, so that its pictures and later reports use them."""
+    from ..plots.style import UNITS
+
+    if case.file is not None:
+        found.attrs[UNITS] = json.dumps(case.file.units)
 
 
 def _is_drawn(found: "Result") -> bool:

@@ -15,6 +15,7 @@ from .contact import (
 )
 from .dang2024 import paper_section as paper_section
 from .dynamics import Args as Args, Reactions as Reactions, reactions as reactions, vector_field as vector_field
+from .faults import Fault as Fault, FaultyTrack as FaultyTrack
 from .kinematics import (
     MOTION_SCALES as MOTION_SCALES,
     ModalMotion as ModalMotion,

@@ -11,7 +11,6 @@ With `base = "paper"` everything that a file leaves out is as in `slipperjax.pap
 """
 
 import dataclasses
-import functools
 import inspect
 import json
 import re
@@ -32,6 +31,7 @@ from ..tools.files import user_path
 from ..tools.tables import TableError, station
 from ..tools.units import parsed
 from .dang2024 import paper_scene
+from .faults import Fault, FaultyTrack
 from .kinematics import Motion, check_motion
 from .loads import SumLoad, TabulatedLoad
 from .modes import Modes, load_modes
@@ -46,7 +46,7 @@ from .starts import AtRest
 from .step_size import given_steps
 from .surveys import SurveyedRails, SurveyedTrack, load_rail, load_speed
 from .thrust import RocketSled, WaterBrake, read_thrust
-from .tracks import AbstractTrack, LocalTrack, StraightTrack, SumTrack, TwoRails
+from .tracks import AbstractTrack, StraightTrack
 from .travel import SpeedProgramme, Stage
 
 BODY = ("slipper", "mounts", "modes")
@@ -86,14 +86,16 @@ class RunTable(ShapeChecked):
 
 
 class EnvironmentTable(ShapeChecked):
-    """The table `environment` of a scene's file: arguments of `slipperjax.environment` other than its runs."""
+    """The vibration environment of places on the sled: arguments of `slipperjax.environment` other than its runs."""
 
     places: Float[Array, "places 3"] = field("m", finite)
+    """x, y and z of each place from the centre of mass [m]."""
     window: Float[Array, ""] | None = field("s", positive, default=None)
     low: Float[Array, ""] | None = field("Hz", positive, default=None)
     high: Float[Array, ""] | None = field("Hz", positive, default=None)
     quality: Float[Array, ""] | None = field("", positive, default=None)
     margin: Float[Array, ""] | None = field("", finite, default=None)
+    """Margin of the specification over the greatest density [dB]."""
 
     def __check_init__(self):
         if self.low is not None and self.high is not None:
@@ -101,9 +103,10 @@ class EnvironmentTable(ShapeChecked):
 
 
 class LoadsTable(ShapeChecked):
-    """The table `loads` of a scene's file: arguments of `slipperjax.sweeps.loads` other than its runs."""
+    """The loads that size parts: arguments of `slipperjax.sweeps.loads` other than its runs."""
 
     means: Float[Array, " means"] = field("s", positive, default=())
+    """Times over which loads are averaged [s]."""
     quantiles: tuple[float, ...] | None = None
 
 
@@ -352,37 +355,35 @@ class _Reader:
 
     def track(self, table: Table, inherited: AbstractTrack | None) -> AbstractTrack:
         """Return the track, with the faults that the table adds: to all rails, or to the left or the right rail."""
-        of_all = table.pop("faults", [])
-        of_one = {side: list(_taken(table, side, "faults")) for side in ("left", "right")}
+        # as `Scene.to_toml` writes it, with a type in each table
+        whole = table.get(TYPE) == FaultyTrack.__name__
+        of_all = [] if whole else table.pop("faults", [])
+        of_one = {side: [] if whole else _taken(table, side, "faults") for side in ("left", "right")}
         track = self.part("track", table, inherited)
         assert isinstance(track, AbstractTrack)
+        if not of_all and not any(of_one.values()):
+            return track
         unit = getattr(track, "distance_unit", "m")
-        for k, row in enumerate(of_all):
-            track = SumTrack(track, self.fault(row, unit, "track.faults", k))
-        if any(of_one.values()):
-            require(track.rails, "faults", "be [[track.faults]] on a track of one rail", shown="of one side")
-            sides = {
-                side: [self.fault(row, unit, f"track.{side}.faults", k) for k, row in enumerate(rows)]
-                for side, rows in of_one.items()
-            }
-            joined = {side: functools.reduce(SumTrack, rows) for side, rows in sides.items() if rows}
-            track = SumTrack(track, TwoRails(**{side: joined.get(side, StraightTrack()) for side in of_one}))
-        return track
+        made = lambda rows, place: [self.fault(row, unit, f"{place}.faults", k) for k, row in enumerate(rows)]
+        require(
+            track.rails or not any(of_one.values()), "faults", "be [[track.faults]] on one rail", shown="of a side"
+        )
+        sides = {
+            side: FaultyTrack(StraightTrack(), made(rows, f"track.{side}")) for side, rows in of_one.items() if rows
+        }
+        return FaultyTrack(track, made(of_all, "track"), **sides)
 
-    def fault(self, row: object, unit: str, place: str, number: int) -> LocalTrack:
+    def fault(self, row: object, unit: str, place: str, number: int) -> Fault:
         """Return a fault of a rail from its table.
 
         **Arguments:** `unit`: of stations; `place`, `number`: of the table, for errors.
         """
         with self.placed(place, number):
             table = dict(instance("faults", row, dict, "a table, [[track.faults]], for each fault"))
-            check_known(table, ("at", "kind", "height", "length", "direction"))
             at = table.get("at")
-            is_station = isinstance(at, str) and "+" in at
-            middle = station("at", at, unit) if is_station else quantity("at", at, "m")
-            height, length = (quantity(name, table.get(name), "m") for name in ("height", "length"))
-            kind = {"shape": table.get("kind", "dip"), "direction": table.get("direction", "vertical")}
-            return LocalTrack([middle], [height], length, **kind)
+            if isinstance(at, str) and "+" in at:
+                table["at"] = f"{station('at', at, unit)!r} m"
+            return self.made(Fault, table, "faults")
 
     def programme(self, table: Table) -> SpeedProgramme:
         """Return the programme of speeds in the table `speed`: stages, a file, times or places."""

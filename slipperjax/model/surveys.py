@@ -4,7 +4,7 @@ import contextlib
 import functools
 import hashlib
 import math
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,9 +12,9 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from ..tools.checks import finite, number, positive, require, shown_number, warn
+from ..tools.checks import finite, number, one_of, positive, require, shown_number, warn
 from ..tools.fields import unit_of
-from ..tools.files import content_of, listed, user_path
+from ..tools.files import content_of, first_ones, listed, user_path
 from ..tools.tables import Table, TableError, read_rows
 from ..tools.types import Real
 from .rails import EQUAL_SPACING, SampledTrack
@@ -40,6 +40,25 @@ ALIASES = {
 DAMPING = 0.03
 """Damping of the waves that follow from versines, over the height that a chord shows of them, at most 2 [1]."""
 
+GAP = 3.0
+"""Distance between samples over the usual distance from which a place between them is without a reading [1]."""
+
+
+def _across(x: np.ndarray, y: np.ndarray, at: np.ndarray) -> np.ndarray:
+    from scipy.interpolate import CubicSpline  # here, because importing it takes time
+
+    return CubicSpline(x, y)(at)
+
+
+# a nanometre, so that rounding does not decide
+JOINTS = {
+    "spline": _across,
+    "step": lambda x, y, at: y[np.searchsorted((x[1:] + x[:-1]) / 2, at - 1e-9)],
+    "hold": lambda x, y, at: y[np.searchsorted(x, at + 1e-9) - 1],
+}
+"""How places without a reading are filled: by a spline through the others, by a step in the middle between the
+readings on both sides, by the last reading. A step is as long as the distance between samples."""
+
 _GAUGE = functools.partial(positive, plausible=PLAUSIBLE_GAUGES)
 
 
@@ -59,6 +78,8 @@ class SurveyedTrack(SampledTrack):
     """Digest of the file's content, its first 16 digits."""
     chord: float | None = eqx.field(static=True, metadata={"unit": "m"})  # pyright: ignore[reportGeneralTypeIssues]
     """Length of the chord at whose middle the rail was measured [m]; None for displacements from a line."""
+    joints: str | None = eqx.field(static=True)  # pyright: ignore[reportGeneralTypeIssues]
+    """How places without a reading are filled, one of `JOINTS`; None: there are none."""
     distance_unit: str = eqx.field(static=True)  # pyright: ignore[reportGeneralTypeIssues]
     """Unit of the file's distances, such as ft."""
 
@@ -68,6 +89,7 @@ class SurveyedTrack(SampledTrack):
         sha256: str | None = None,
         *,
         chord: float | None = None,
+        joints: str | None = None,
         ends: str = "straight",
         ramp: Real | None = None,
     ):
@@ -78,7 +100,8 @@ class SurveyedTrack(SampledTrack):
         """
         self.file = str(file)
         self.chord = _chord(chord)
-        self.sha256, self.distance_unit, (rail,) = _read(file, sha256, self.chord)
+        self.joints = _joints(joints, self.chord)
+        self.sha256, self.distance_unit, (rail,) = _read(file, sha256, self.chord, self.joints)
         super().__init__(**rail, ends=ends, ramp=ramp)
         _warn_if_coarse(self.file, self)
 
@@ -99,6 +122,8 @@ class SurveyedRails(AbstractTwoRails):
     """Digest of the file's content, its first 16 digits."""
     chord: float | None = eqx.field(static=True, metadata={"unit": "m"})
     """Length of the chord at whose middle the rails were measured [m]; None for displacements from a line."""
+    joints: str | None = eqx.field(static=True)
+    """How places without a reading are filled, one of `JOINTS`; None: there are none."""
     ends: str = eqx.field(static=True)
     """How both rails continue beyond their ends, see `SampledTrack`."""
     ramp: float = eqx.field(static=True, metadata={"unit": "m"})
@@ -116,6 +141,7 @@ class SurveyedRails(AbstractTwoRails):
         *,
         chord: float | None = None,
         gauge: float | None = None,
+        joints: str | None = None,
         ends: str = "straight",
         ramp: Real | None = None,
     ):
@@ -126,8 +152,9 @@ class SurveyedRails(AbstractTwoRails):
         """
         self.file = str(file)
         self.chord = _chord(chord)
+        self.joints = _joints(joints, self.chord)
         self.gauge = None if gauge is None else number(_GAUGE, "gauge", gauge, "m")
-        self.sha256, self.distance_unit, rails = _read(file, sha256, self.chord, SIDES, self.gauge)
+        self.sha256, self.distance_unit, rails = _read(file, sha256, self.chord, self.joints, SIDES, self.gauge)
         self.left, self.right = (SampledTrack(**rail, ends=ends, ramp=ramp) for rail in rails)
         self.ends = self.left.ends
         self.ramp = float(self.left.ramp)
@@ -162,13 +189,15 @@ def load_rail(
         waves of half its length, are left out, and so is a line of the versines. A column of the gauge is no versine.
     - `gauge`: nominal distance between the axes of two rails [m], which a column of the gauge needs; None: each rail
         is where its mounts are.
-    - `options`: `ends` and `ramp` of `SampledTrack`, of both rails.
+    - `options`: of both rails, `ends` and `ramp` of `SampledTrack`; and `joints`, which fills places without a
+        reading: empty cells, and gaps above three spacings. "spline" joins the readings smoothly, "step" has a step
+        in the middle between them, "hold" keeps the last reading up to the next one. Versines take "spline" alone.
 
     **Returns:** a `SurveyedTrack`, which is a `SampledTrack`; for a file with columns of both a left and a right rail
     a `SurveyedRails`, whose `left` and `right` are such tracks.
 
     **Raises:** `ValueError` with all faults of the file by their lines: wrong names, units or numbers, two columns of
-    one meaning, marks of missing values such as -9999, distances that do not increase, and gaps; `OSError` for a file
+    one meaning, distances that do not increase, and without `joints` places without a reading; `OSError` for a file
     that cannot be read. A warning names implausible displacements, such as a level above the sea.
     """
     with contextlib.suppress(_TwoRailsFound):
@@ -180,6 +209,13 @@ def load_rail(
 
 def _chord(chord: object) -> float | None:
     return None if chord is None else number(positive, "chord", chord, "m")
+
+
+def _joints(joints: object, chord: float | None) -> str | None:
+    if joints is None:
+        return None
+    # a step of versines is no step of the rail
+    return one_of("joints", joints, JOINTS if chord is None else ("spline",))
 
 
 def _warn_if_coarse(file: str, *rails: SampledTrack) -> None:
@@ -197,6 +233,7 @@ def _read(
     file: str | Path,
     sha256: str | None,
     chord: float | None,
+    joints: str | None,
     sides: Sequence[str] = ("",),
     gauge: float | None = None,
 ) -> tuple[str, str, list[dict[str, np.ndarray]]]:
@@ -213,11 +250,12 @@ def _read(
     need = "be the content with which the scene was made"
     require(sha256 in (None, digest), "sha256", need, shown=f"another one of {file} now")
     wanted = {"distance": "m", **OF_SIDES, "gauge": "m"} if sides == SIDES else _columns_of_one
-    table = Table(path, content, wanted, ALIASES)
+    table = Table(path, content, wanted, ALIASES, holes=True)
     found = table.columns
     if "distance" in found and all({f"{side}lateral", f"{side}vertical"} & set(found) for side in sides):
         signs = "the signs of lateral and roll, of two rails also sides, if left was left along the falling distance"
-        table.check_rising("distance", gaps=True, also=f", and change {signs}")
+        table.check_rising("distance", also=f", and change {signs}")
+        _check_readings(table, joints)
     else:
         of_rails = " of the left and of the right rail" if sides == SIDES else ""
         has = ", ".join(found) or "neither"
@@ -225,6 +263,8 @@ def _read(
     if "gauge" in found:
         _check_gauge(table, gauge)
     columns = table.si()
+    if joints is not None:
+        columns = _filled(columns, JOINTS[joints])
     offsets = [column.name for column in found.values() if "offset" in column.name.lower()]
     if offsets:
         # road surveys count offsets positive to the right
@@ -251,6 +291,59 @@ def _read(
     # a missing column is zero, and both rails roll if one does
     usual = dict.fromkeys({"lateral", "vertical"}.union(*rails), np.zeros_like(distance)) | {"distance": distance}
     return digest, found["distance"].unit or "m", [usual | rail for rail in rails]
+
+
+def _check_readings(table: Table, joints: str | None) -> None:
+    """Note distances without a number, and places without a reading; with `joints` only those at the rail's ends."""
+    along = table.columns["distance"]
+    others = [column.values for name, column in table.columns.items() if name != "distance"]
+    seen = np.isfinite(along.values)
+    known = np.flatnonzero(seen)
+    # what is no number has been told
+    told = np.isin(table.numbers, [number for number, _ in table.faults])
+    for k in np.flatnonzero(~seen & ~told):
+        table.fault(f"`{along.name}` has no number", table.numbers[k])
+    empty = np.flatnonzero(~np.isfinite(others).all(axis=0) & seen & ~told)
+    if joints is not None:
+        if {*empty} & {0, len(seen) - 1}:
+            table.fault("must begin and end with a reading")
+        return
+    unit = f" {along.unit}" if along.unit else ""
+    places = {k: f"{along.values[k]:.10g}{unit} ({table.row} {table.numbers[k]})" for k in empty}
+    for k in np.flatnonzero(_is_wide(np.diff(along.values[known]) / np.diff(known))):
+        first, last = known[k : k + 2]
+        places[last] = (
+            f"{along.values[first]:.10g} to {along.values[last]:.10g}{unit} ({table.row} {table.numbers[last]})"
+        )
+    if places:
+        choice = ", ".join(f'"{name}"' for name in JOINTS)
+        table.fault(
+            f"no reading at {first_ones([places[k] for k in sorted(places)])}: choose joints = one of {choice}"
+        )
+
+
+def _is_wide(steps: np.ndarray) -> np.ndarray:
+    """Return which steps from sample to sample are gaps."""
+    # the median, because a few gaps do not change it; the way back from a distance that fell is no gap
+    usual = np.median(steps) if len(steps) else 0.0
+    return (steps > GAP * usual) & (np.append(usual, steps[:-1]) > 0)
+
+
+def _filled(columns: Mapping[str, np.ndarray], fill: Callable) -> dict[str, np.ndarray]:
+    """Return the columns of a survey [SI units] with values at places without a reading, and further rows in gaps."""
+    distance = columns["distance"]
+    steps = np.diff(distance)
+    rows = np.cumsum(np.append(0.0, np.where(_is_wide(steps), np.round(steps / np.median(steps)), 1.0)))
+    # a wrong distance would fill the memory
+    need = "fill less rail than has readings"
+    require(rows[-1] < 2 * len(distance), "joints", need, shown=f"given for {len(distance)} of {rows[-1]:g} samples")
+    at = np.interp(np.arange(rows[-1] + 1), rows, distance)
+    filled = {"distance": at}
+    for name, values in columns.items():
+        known = np.isfinite(values)
+        if name != "distance":
+            filled[name] = fill(distance[known], values[known], at)
+    return filled
 
 
 def _digest(content: bytes) -> str:

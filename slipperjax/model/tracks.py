@@ -343,29 +343,22 @@ SHAPES = {
 bend down."""
 
 
-class LocalTrack(AbstractTrack):
-    """Dips, steps or joints of one length, at some places of an otherwise straight rail."""
+class AbstractLocalTrack(AbstractTrack):
+    """Shapes of one length at some places of an otherwise straight rail."""
 
-    place: Float[Array, " places"] = field("m", finite)
-    """Distances of their middles [m]."""
-    height: Float[Array, " places"] = field("m", finite)
-    """Displacement in the middle, for a step its height [m]; negative for dips."""
-    length: Float[Array, ""] = field("m", positive)
-    """Length of a shape from end to end [m]."""
-    shape: str = eqx.field(static=True, default="dip")
-    """One of `SHAPES`."""
-    direction: str = eqx.field(static=True, default="vertical")
-    """"lateral" or "vertical"."""
-    every: Float[Array, ""] | None = field("m", positive, default=None)
-    """Distance after which the shapes repeat [m], such as 1.32 for supports; None: no repetition. Not for steps."""
+    place: eqx.AbstractVar[Float[Array, "*places"]]
+    height: eqx.AbstractVar[Float[Array, "*places"]]
+    length: eqx.AbstractVar[Float[Array, ""]]
+    shape: eqx.AbstractVar[str]
+    direction: eqx.AbstractVar[str]
+
+    @property
+    def every(self) -> Float[Array, ""] | None:
+        """Distance after which the shapes repeat [m]; None: no repetition."""
+        return None
 
     def __check_init__(self):
-        one_of("shape", self.shape, tuple(SHAPES))
         one_of("direction", self.direction, ("lateral", "vertical"))
-        places = self.place.shape
-        heights = self.height.shape
-        require(heights == places, "height", f"have one value per place, {places}", shown=f"shape {heights}")
-        require(self.every is None or self.shape != "step", "every", "be None for steps", self.every)
 
     @property
     def is_rough(self):
@@ -398,6 +391,30 @@ class LocalTrack(AbstractTrack):
     def shortest_wavelength(self):
         """The shapes' length [m]; 8 m at most."""
         return jnp.minimum(self.length, self.wavelength)
+
+
+class LocalTrack(AbstractLocalTrack):
+    """Dips, steps or joints of one length, at some places of an otherwise straight rail."""
+
+    place: Float[Array, " places"] = field("m", finite)
+    """Distances of their middles [m]."""
+    height: Float[Array, " places"] = field("m", finite)
+    """Displacement in the middle, for a step its height [m]; negative for dips."""
+    length: Float[Array, ""] = field("m", positive)
+    """Length of a shape from end to end [m]."""
+    shape: str = eqx.field(static=True, default="dip")
+    """One of `SHAPES`."""
+    direction: str = eqx.field(static=True, default="vertical")
+    """"lateral" or "vertical"."""
+    every: Float[Array, ""] | None = field("m", positive, default=None)
+    """Distance after which the shapes repeat [m], such as 1.32 for supports; None: no repetition. Not for steps."""
+
+    def __check_init__(self):
+        one_of("shape", self.shape, tuple(SHAPES))
+        places = self.place.shape
+        heights = self.height.shape
+        require(heights == places, "height", f"have one value per place, {places}", shown=f"shape {heights}")
+        require(self.every is None or self.shape != "step", "every", "be None for steps", self.every)
 
 
 class _OfTwo(AbstractTrack):
@@ -450,23 +467,15 @@ class _OfTwo(AbstractTrack):
         return jnp.minimum(*(track.shortest_wavelength for track in self._both))
 
 
-class SumTrack(_OfTwo):
-    """The sum of two tracks, such as joints on a surveyed rail; sums can be summed again."""
+class AbstractSum(_OfTwo):
+    """The sum of two tracks."""
 
-    one: AbstractTrack
-    """The first track, which defines the forcing period."""
-    other: AbstractTrack
-
-    def __check_init__(self):
-        for name in ("one", "other"):
-            instance(name, getattr(self, name), AbstractTrack, "a track such as slipperjax.HarmonicTrack(...)")
+    one: eqx.AbstractVar[AbstractTrack]
+    other: eqx.AbstractVar[AbstractTrack]
 
     @property
     def _both(self):
         return self.one, self.other
-
-    def __repr__(self) -> str:
-        return f"SumTrack({self.one!r}, {self.other!r})"
 
     @property
     def distance_unit(self) -> str:
@@ -493,6 +502,21 @@ class SumTrack(_OfTwo):
     def steepest_slope(self):
         """An upper bound: the sum of both tracks' slopes [1]."""
         return self.one.steepest_slope + self.other.steepest_slope
+
+
+class SumTrack(AbstractSum):
+    """The sum of two tracks, such as joints on a surveyed rail; sums can be summed again."""
+
+    one: AbstractTrack
+    """The first track, which defines the forcing period."""
+    other: AbstractTrack
+
+    def __check_init__(self):
+        for name in ("one", "other"):
+            instance(name, getattr(self, name), AbstractTrack, "a track such as slipperjax.HarmonicTrack(...)")
+
+    def __repr__(self) -> str:
+        return f"SumTrack({self.one!r}, {self.other!r})"
 
 
 class AbstractTwoRails(_OfTwo):

@@ -22,6 +22,7 @@ from .style import (
     in_display_unit,
     label,
     line_color,
+    quantity_of,
     shown,
     swept,
 )
@@ -262,11 +263,11 @@ def _lines_of(ds: xr.Dataset, name: str) -> xr.DataArray:
         of_section = check_dataset(ds, "continue_orbit", name, f"{name}_period")[[name, f"{name}_period"]]
         velocity, time = (one.values for one in of_section.transpose("point", "crossing").values())
         threads = crossing_threads(velocity, time, int(ds.attrs["orbit_period"]))
-        return in_display_unit(COORDINATES[name], xr.DataArray(threads, dims=("line", "point")), short=True)
+        return in_display_unit(quantity_of(name, ds), xr.DataArray(threads, dims=("line", "point")), short=True)
     if name.startswith(START):
         coordinate = name.removeprefix(START)
         start = ds["strobe"].isel(strobe_period=0).sel(coordinate=coordinate).expand_dims("line")
-        return in_display_unit(replace(COORDINATES[coordinate], name=name), start, short=True)
+        return in_display_unit(replace(quantity_of(coordinate, ds), name=name), start, short=True)
     return shown(check_dataset(ds, "continue_orbit", name), name).expand_dims("line")
 
 

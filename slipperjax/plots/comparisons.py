@@ -34,11 +34,11 @@ class Comparison(NamedTuple):
         flat = ds.stack(design=dims)
         words = []
         for name in along:
-            q = chosen.of(quantity_of(name, ds))
+            q = quantity_of(name, ds, chosen)
             values = np.broadcast_to(q.shown(flat[name].values), flat.sizes["design"])
             words.append([_stated(f"{q.words} {value:.4g}", q) for value in values])
         record = ds.attrs["record"]
-        compared = chosen.of(quantity_of(record, ds.rename(runs=record)))
+        compared = quantity_of(record, ds.rename(runs=record), chosen)
         return cls(flat, [", ".join(parts) for parts in zip(*words, strict=True)], compared)
 
     def said(self, name: str, design: int, quantile: int) -> str:

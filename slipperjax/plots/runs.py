@@ -1,6 +1,5 @@
 """Pictures of runs over a length of rail: rail, forces, impacts and spectra over distance; numbers over the speed."""
 
-import json
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -11,7 +10,6 @@ from matplotlib.axes import Axes
 
 from ..flow.datasets import scene_of
 from ..flow.status import Status, is_lost
-from ..model.parameters import PARAMETERS
 from ..model.quantities import POINT_DIMS, Quantity, ShownUnits, point_dims
 from ..model.scene import Scene, check_scene
 from ..tools.checks import require
@@ -21,7 +19,6 @@ from .branches import DASHED, datasets_of, joined, stable_parts
 from .style import (
     COLORS,
     FLAGGED_LABEL,
-    UNITS,
     Units,
     by_contact,
     by_load,
@@ -31,6 +28,7 @@ from .style import (
     drawing,
     highest,
     in_display_unit,
+    in_units,
     label,
     legend_above,
     line_color,
@@ -79,7 +77,7 @@ class RunView(NamedTuple):
         if "stretch" in ds.dims:
             ds = ds.isel(stretch=np.unique(stretch_of_windows(ds)))
         # titles also have these units
-        ds = _kept(ds, is_lost(codes)).assign_attrs({UNITS: json.dumps(list(chosen.units))})
+        ds = in_units(_kept(ds, is_lost(codes)), chosen.units)
         return cls(ds, codes, scene, units_along(scene, chosen))
 
     @property
@@ -101,8 +99,9 @@ class RunView(NamedTuple):
     def quantity(self, name: str) -> Quantity:
         """Return a quantity with its shown unit."""
         # the speed along a run has another name where the speed is varied
-        q = DISTANCE if name == DISTANCE.name else quantity_of(name.removesuffix("_along"), self.ds)
-        return self.units.of(q)
+        if name == DISTANCE.name:
+            return self.units.of(DISTANCE)
+        return quantity_of(name.removesuffix("_along"), self.ds, self.units)
 
     def shown(self, name: str) -> xr.DataArray:
         """Return a variable or coordinate as `slipperjax.plots.style.shown`, in the user's units."""
@@ -409,13 +408,14 @@ def passing(
         source = "continue_orbit over the speed"
         branch = check_dataset(branch, source, quantity, "speed", "stable", argument="branch")
     case = several[0].drop_vars(speed_name(several[0]))
+    pace = quantity_of("speed", case)
     with drawing(ax, case, 3.5, 2.7) as ax:
         style = dict(ls="", marker=".", ms=2.5, mew=0, rasterized=True)
         if brute is not None:
             source = "follow over the speed"
             brute = check_dataset(brute, source, quantity, "speed", "status", argument="brute")
             values = highest(brute, quantity, *brute["status"].dims).where(brute["status"] == Status.FINITE)
-            x, y = (a.values.ravel() for a in xr.broadcast(brute["speed"], values))
+            x, y = (a.values.ravel() for a in xr.broadcast(pace.shown(brute["speed"]), values))
             ax.plot(x, y, color="#c4c4c4", label="constant speed", **style)
         for k, one in enumerate(several):
             speed = one[speed_name(one)].values
@@ -428,12 +428,12 @@ def passing(
                 if there.any():
                     text = f"{way}, {with_unit(f'{np.median(np.abs(rate[there])):.3g}', 'm/s^2')}"
                     lighter = 1 - 0.7 * k / len(several)
-                    ax.plot(speed[there], values[there], label=text, color=color, alpha=lighter, **style)
+                    ax.plot(pace.shown(speed[there]), values[there], label=text, color=color, alpha=lighter, **style)
         # stable parts solid, unstable parts dashed
         if branch is not None:
             lines = shown(branch, "speed").values, shown(branch, quantity).values[None]
             stable = stable_parts(branch)
             ax.plot(*joined(*lines, stable), color="black", lw=1.2, label="stable orbit")
             ax.plot(*joined(*lines, ~stable), color="black", lw=0.8, ls=DASHED, label="unstable orbit")
-        ax.set(xlabel=label(in_display_unit(PARAMETERS["speed"], case["distance"])), ylabel=label(values))
+        ax.set(xlabel=label(in_display_unit(pace, case["distance"])), ylabel=label(values))
     return ax

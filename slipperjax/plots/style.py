@@ -215,20 +215,22 @@ def with_unit(text: str, unit: str, *, brackets: bool = False) -> str:
     return f"{text} [{typeset(unit)}]" if brackets else f"{text} {typeset(unit)}"
 
 
-def quantity_of(name: str, ds: xr.Dataset) -> Quantity:
-    """Return the quantity of a variable or coordinate: from the registry, or else from its attributes in `ds`."""
+def quantity_of(name: str, ds: xr.Dataset, units: ShownUnits | None = None) -> Quantity:
+    """Return the quantity of a variable or coordinate, from the registry or else from its attributes in `ds`, in
+    units that a user chose; None: for all of the result, see `in_units`."""
+    chosen = shown_units(ds) if units is None else units
     if name in QUANTITIES:
-        return QUANTITIES[name]
+        return chosen.of(QUANTITIES[name])
     # a path, or a number from a user's record
     attrs = ds[name].attrs if name in ds else {}
     of = attrs.get("quantity", name)
     symbol, shown_unit = (attrs.get(key, "") for key in ("symbol", "shown_unit"))
-    return Quantity(of, attrs.get("units", "1"), of.replace("_", " "), symbol, shown_unit=shown_unit)
+    return chosen.of(Quantity(of, attrs.get("units", "1"), of.replace("_", " "), symbol, shown_unit=shown_unit))
 
 
-def shown(ds: xr.Dataset, name: str, units: ShownUnits = OWN_UNITS) -> xr.DataArray:
+def shown(ds: xr.Dataset, name: str, units: ShownUnits | None = None) -> xr.DataArray:
     """Return a variable or coordinate in its display unit, with the attributes by which `label` labels its axis."""
-    q = units.of(quantity_of(name, ds))
+    q = quantity_of(name, ds, units)
     return in_display_unit(q, ds[name], short=name in QUANTITIES and name not in {**PARAMETERS, **REACTIONS})
 
 
@@ -259,7 +261,7 @@ def name_and_symbol(q: Quantity) -> str:
     return q.words + (f" ${q.symbol}$" if q.symbol else "")
 
 
-def highest(ds: xr.Dataset, name: str, *dims: str, units: ShownUnits = OWN_UNITS) -> xr.DataArray:
+def highest(ds: xr.Dataset, name: str, *dims: str, units: ShownUnits | None = None) -> xr.DataArray:
     """Return a variable over `dims` as `shown` does, with its maximum along all other dimensions."""
     given = shown(ds, name, units)
     # for net loads the greatest magnitude
@@ -275,11 +277,11 @@ def shown_columns(ds: xr.Dataset, *along: str, units: Units = None) -> pd.DataFr
     **Arguments:** `along`: names of the dimensions; none for one case, whose table has one row; `units`: such as
     ("ft", "lbf").
     """
-    chosen = ShownUnits(units or ())
+    chosen = shown_units(ds, units)
     columns = {}
     for name, variable in ds.variables.items():
         if set(variable.dims) == set(along) or (set(variable.dims) <= set(along) and name in ds.coords):
-            q = chosen.of(quantity_of(str(name), ds))
+            q = quantity_of(str(name), ds, chosen)
             values = np.ravel(variable.set_dims({dim: ds.sizes[dim] for dim in along}).transpose(*along))
             if variable.dtype.kind in "fiu" and q.display_unit not in ("1", ""):
                 columns[f"{name} [{q.display_unit}]"] = values if q.per_shown == 1 else q.shown(values)
@@ -556,6 +558,11 @@ def shown_units(ds: xr.Dataset, units: Units = None) -> ShownUnits:
     if units is not None:
         return ShownUnits(units)
     return ShownUnits(json.loads(ds.attrs.get(UNITS, "[]")))
+
+
+def in_units(ds: xr.Dataset, units: Units) -> xr.Dataset:
+    """Return a result whose pictures have these units; None leaves those of its scene's file."""
+    return ds if units is None else ds.assign_attrs({UNITS: json.dumps(ShownUnits(units).units)})
 
 
 def plain_number(value: float) -> str:

@@ -20,8 +20,10 @@ from .style import (
     lost,
     name_status,
     page,
+    quantity_of,
     shown,
     typeset,
+    with_unit,
 )
 
 Run = Any
@@ -79,7 +81,7 @@ def contact_forces(
     most: int = 4,
     last: float | None = 4.0,
 ) -> Axes:
-    """Draw the contact forces [kN] of the points with the highest peaks: front points solid, rear points dashed.
+    """Draw the contact forces of the points with the highest peaks: front points solid, rear points dashed.
 
     The legend has the peak force of each point and its time or place, unless the status says that numbers mean
     nothing; a dot marks the peak if it is in the drawn part. It is the peak over every integration step where `ds`
@@ -98,11 +100,12 @@ def contact_forces(
     # rounding must not cut off the first saved state
     begin = -np.inf if last is None else period[-1] - number(positive, "last", last) - 1e-9
     drawn = period >= begin
+    unit = quantity_of("contact_force", ds).display_unit
     with drawing(ax, ds, full=False) as ax:
         for line in most_loaded(ds, most):
             text = line.name
             if not lost(ds):
-                text += f", peak {line.peak:.3g} kN"
+                text += f", peak {with_unit(f'{line.peak:.3g}', unit)}"
                 if np.isfinite(line.instant):
                     text += f" at {along.brief.format(along.unit * line.instant)}"
                 elif line.peak > 0:
@@ -117,7 +120,8 @@ def contact_forces(
 
 
 class PointForce(NamedTuple):
-    """Contact force of one point [kN] in the saved states, and its peak over every step where this is known."""
+    """Contact force of one point in its display unit: in the saved states, and its peak over every step where this is
+    known."""
 
     name: str
     """Name as in `Scene.point_names`."""

@@ -50,6 +50,7 @@ def _specification(ds: xr.Dataset) -> dict[str, pd.DataFrame]:
                 "frequency [Hz]": one["specification_frequency"].values[known],
                 "density [g^2/Hz]": one["specification_density"].values[known],
                 "g-RMS": float(one["specification_rms"]),
+                "runs": ds.sizes["rail"],
             }
             tables.append(pd.DataFrame(columns))
     return {"specification": pd.concat(tables, ignore_index=True)}
@@ -77,7 +78,7 @@ def _stated(ds: xr.Dataset) -> list[str]:
         f"{rails} run{'s' * (rails > 1)} from {low:.4g} to {high:.4g} m/s",
         f"densities: Welch's method, {count} Hann windows of {window:.3g} s that overlap by half, in sixth octaves",
         "maximax: the greatest density of all windows and runs; mean: over all windows, the greatest of all runs",
-        f"specification: straight lines {call.get('margin') or 0:g} dB above the maximax density",
+        f"specification: straight lines {call.get('margin') or 0:g} dB above the maximax density of all runs",
         f"shock response: oscillators of Q = {call.get('quality') or 10:g}, greatest of all runs",
         *sources_of(ds),
         f"slipperjax {versions.get('slipperjax', 'unknown')}, printed on {datetime.date.today().isoformat()}",
@@ -95,6 +96,7 @@ def _points(one: xr.Dataset) -> str:
 def summary(ds: xr.Dataset, units: Units = None) -> list[str]:
     """Return an environment as a text, two lines for each place: the greatest values of all rails."""
     lines = []
+    rails = ds.sizes["rail"]
     low, high = (float(ds[name][end]) for name, end in (("low", 0), ("high", -1)))
     for at in places_of(ds):
         greatest = greatest_of_rails(at)
@@ -117,5 +119,8 @@ def summary(ds: xr.Dataset, units: Units = None) -> list[str]:
         if "specification_rms" in at:
             of_lines = at["specification_rms"].to_series()
             most = of_lines.idxmax()
-            lines.append(f"specification along {most}: {_points(at.sel(direction=most))}; {of_lines[most]:.3g} g-RMS")
+            # runs that are lost have been left out
+            over = f" over {rails} rails" if rails > 1 else ""
+            points = _points(at.sel(direction=most))
+            lines.append(f"specification{over} along {most}: {points}; {of_lines[most]:.3g} g-RMS")
     return lines

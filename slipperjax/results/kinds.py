@@ -34,7 +34,7 @@ class Kind(NamedTuple):
     plot: Callable[..., Any]
     """Returns Axes, all of one figure."""
     title: str = ""
-    """Title of a PDF with a text and pictures; empty where a PDF has the picture alone, which takes no units."""
+    """Title of a PDF with a text and pictures; empty where a PDF has the picture alone."""
     report: Callable[[xr.Dataset, Units], list[str]] | None = None
     """Text of the PDF; None for the summary."""
     pages: "Callable[[xr.Dataset], Iterable[Figure]] | None" = None
@@ -57,7 +57,7 @@ KINDS: dict[str, Kind] = {
     "environment": Kind(
         environments.summary,
         environments.tables,
-        lambda ds, units=None, **options: vibration(ds, **options),
+        vibration,
         "Vibration environment",
         environments.report,
         pages=lambda ds: (vibration(ds, place)[0, 0].figure for place in range(ds.sizes["place"])),

@@ -63,15 +63,19 @@ class AbstractResult(abc.ABC):
         kind, ds = _known(self)
         return kind.tables(ds, units)
 
-    def plot(self, **options: Any) -> Any:
-        """Draw the picture that suits the result; `options`: of the picture, see `slipperjax.plots`.
+    def plot(self, *, units: Sequence[str] | None = None, **options: Any) -> Any:
+        """Draw the picture that suits the result.
+
+        **Arguments:** `units`: as for `summary`; `options`: of the picture, see `slipperjax.plots`.
 
         **Returns:** Axes of matplotlib, or an array of them.
 
         **Raises:** `ValueError` where no picture suits, as for a sweep over three parameters.
         """
+        from ..plots.style import in_units  # here, because pictures take long to import
+
         kind, ds = _known(self)
-        return kind.plot(ds, **options)
+        return kind.plot(in_units(ds, units), **options)
 
     def write(self, *paths: "str | os.PathLike[str]", units: Sequence[str] | None = None, **options: object) -> str:
         """Write files, each whole or not at all, by their endings.

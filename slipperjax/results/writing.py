@@ -29,6 +29,10 @@ WIDTH = 105
 """Characters in a line of a page of text."""
 LINES = 78
 """Lines on a page of text."""
+DPI = 300
+"""Least pixels per inch of a PNG file, also where a text spreads it over `TEXT`."""
+TEXT = 16 / 2.54
+"""Width of a page in a text [inches]."""
 PAGE = (7.2, 9.4)
 """Size of a page of text [inches]."""
 
@@ -78,15 +82,18 @@ def _content(
         return _matlab(ds)
     if ending == ".xlsx":
         return _workbook(kind, ds, units)
-    from ..plots.style import content_of, png
+    from ..plots.style import content_of, in_units, png
 
-    own = {"units": units} if kind.title and units is not None else {}
+    ds = in_units(ds, units)
     # all Axes of a picture are in one figure
-    draw = lambda: np.asarray(kind.plot(ds, **own, **options)).flat[0].figure
+    draw = lambda: np.asarray(kind.plot(ds, **options)).flat[0].figure
     if ending == ".pdf" and kind.title:
         text = (kind.report or kind.summary)(ds, units)
         return _report(kind.title, text, kind.pages(ds) if kind.pages else [draw()])
-    return png(draw(), 300) if ending == ".png" else content_of(draw(), ending[1:])
+    figure = draw()
+    if ending == ".png":
+        return png(figure, round(DPI * max(1.0, TEXT / figure.get_figwidth())))
+    return content_of(figure, ending[1:])
 
 
 def _matlab(ds: "xr.Dataset") -> Content:

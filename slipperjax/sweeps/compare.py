@@ -26,7 +26,7 @@ from ..model.parameters import START
 from ..model.rails import SampledTrack, TrackSet
 from ..model.random_rails import RandomRails, RandomTrack
 from ..model.scene import Scene, check_scene
-from ..model.tracks import AbstractTrack, AbstractTwoRails, SumTrack
+from ..model.tracks import AbstractSum, AbstractTrack, AbstractTwoRails
 from ..orbits.simulate import first_of
 from ..results.result import Result
 from ..tools.checks import brief, finite, instance, number, one_of, require, warn, whole
@@ -153,8 +153,8 @@ def on_rails(scene: Scene, rails: int) -> tuple[Scene, dict[str, np.ndarray]]:
     side for `run(..., product=False)`.
 
     For a survey the first rail is the survey, and the others are similar, see `RandomTrack.like` and
-    `RandomRails.like`. Random rails have the seed of the track and the following seeds. In a `SumTrack`, such as
-    faults on a survey, the first track changes, and the second is on every rail.
+    `RandomRails.like`. Random rails have the seed of the track and the following seeds. In a `SumTrack`, or in a
+    `FaultyTrack`, the first track changes, and the second is on every rail.
 
     **Raises:** `ValueError` for more than one rail on a track that is neither random nor a survey.
     """
@@ -167,9 +167,9 @@ def _many_rails(track: AbstractTrack, rails: int) -> tuple[AbstractTrack, dict[s
     count = np.arange(float(rails))
     if rails == 1:
         return track, {}
-    if isinstance(track, SumTrack):
+    if isinstance(track, AbstractSum):
         one, chosen = _many_rails(track.one, rails)
-        return SumTrack(one, track.other), {f"one.{name}": values for name, values in chosen.items()}
+        return replace(track, one=one), {f"one.{name}": values for name, values in chosen.items()}
     if all(isinstance(rail, SampledTrack) for rail in track.rails.values() or (track,)):
         # the survey itself, and rails similar to it
         like = RandomRails.like(track) if isinstance(track, AbstractTwoRails) else RandomTrack.like(track)

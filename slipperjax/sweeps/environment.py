@@ -135,7 +135,7 @@ def _specification(ds: xr.Dataset, margin: float) -> dict[str, object]:
         joined[:, *at, : len(points[0])] = points
         rms[at] = rms_of_lines(*points)
     dims = ("place", "direction", "breakpoint")
-    text = f"straight-line specification, {margin:g} dB above the greatest density"
+    text = f"straight-line specification, {margin:g} dB above the greatest density of {ds.sizes['rail']} runs"
     return {
         "specification_frequency": column(dims, joined[0], "Hz", f"frequency of the {text}"),
         "specification_density": column(dims, joined[1], "m^2/s^4/Hz", f"density of the {text}"),

@@ -147,8 +147,8 @@ class Table:
         """Note a fault of the row with this number, or else of the file."""
         self.faults.append((number, text))
 
-    def check_rising(self, name: str, *, gaps: bool = False, also: str = "") -> None:
-        """Note where a column does not increase, and with `gaps` where a step is more than three usual steps.
+    def check_rising(self, name: str, *, also: str = "") -> None:
+        """Note where a column does not increase.
 
         **Arguments:** `also`: advice in addition to reversing the rows of a column that falls.
         """
@@ -158,20 +158,15 @@ class Table:
         if len(values) < 2:
             return
         steps = np.diff(values)
-        # the median, because a few gaps do not change it
-        typical = np.median(steps)
-        if typical < 0:
+        # the median, because a few faults do not change it
+        if np.median(steps) < 0:
             self.fault(f"`{column.name}` falls from row to row: reverse the rows{also}")
             return
-        # a row without a number is no gap, and the way back from a number that fell is none
-        wide = gaps & (steps > 3 * typical * np.diff(known)) & (np.append(typical, steps[:-1]) > 0)
         unit = f" {column.unit}" if column.unit else ""
         numbers = [self.numbers[k] for k in known]
-        for k in np.flatnonzero((steps <= 0) | wide):
+        for k in np.flatnonzero(steps <= 0):
             before = f"{values[k]:.10g}{unit}"
             text = f"{column.name} {values[k + 1]:.10g}{unit} does not exceed {before} of {self.row} {numbers[k]}"
-            if steps[k] > 0:
-                text = f"a gap of {steps[k]:g}{unit} after {before}, in samples every {typical:g}{unit}"
             self.fault(text, numbers[k + 1])
 
     def si(self) -> dict[str, np.ndarray]:
@@ -203,9 +198,6 @@ class Table:
         lines = [f"{self.path} has {len(texts)} faults:", *(self.path.name + text for text in texts[:MOST_SHOWN])]
         if len(texts) > MOST_SHOWN:
             lines.append(f"and {len(texts) - MOST_SHOWN} more.")
-        if sum(text.endswith("has no number.") for text in texts) > MOST_SHOWN:
-            lines.append("Leave rows without a number out where the rail is smooth; a joint needs one, as a spline")
-            lines.append("would bridge it.")
         return TableError("\n  ".join(lines))
 
     def _plain(self, text: str) -> str:

@@ -58,6 +58,43 @@ def test_every_value_has_its_unit_and_a_remark(body, tmp_path, capsys):
             told.add(found[1])
 
 
+def uncommented(text, chosen=""):
+    """Gives a file whose tables behind # count: those with this header, or all."""
+    head, *blocks = re.split(r"\n(?=#\[)", text)
+    plain = lambda block: re.sub(r"(?m)^#(?! )|^#(?=    \[)", "", block)
+    return "\n".join([head, *(plain(block) if block.startswith(f"#{chosen}") else block for block in blocks)])
+
+
+@pytest.mark.parametrize("body", [[], ["--sled"]])
+def test_each_table_behind_a_mark_loads_without_it(body, tmp_path, capsys):
+    before = written(tmp_path, capsys, *body)
+    file = tmp_path / "sled.toml"
+    text = file.read_text()
+    headers = re.findall(r"(?m)^#(\[.*\])$", text)
+    names = ["friction", "load", "payload", "wear", "start", "environment", "loads", "track.faults"]
+    assert [header.strip("[]") for header in headers] == names
+    for header in headers:
+        file.write_text(uncommented(text, header))
+        assert file.read_text().count(f"\n{header}\n") == 1
+        sj.load(file)
+    file.write_text(uncommented(text))
+    found = sj.load(file)
+    for name in ("friction", "load", "payload", "wear"):
+        assert getattr(before, name) is None
+        assert getattr(found.scene, name) is not None
+    assert float(found.start.v_y) == 0.5
+    assert found.environment == dict(places=[[0.0, 0.0, 0.05]], margin=3.0)
+    assert found.loads["means"] == [1e-3, 5e-3]
+    assert float(found.scene.value("track.faults.0.height")) == -1e-3
+
+
+def test_tables_that_options_give_have_no_example(tmp_path, capsys):
+    written(tmp_path, capsys, "--friction", 0.3, "--down", 800)
+    text = (tmp_path / "sled.toml").read_text()
+    assert "#[friction]" not in text
+    assert "#[[load]]" not in text
+
+
 @pytest.mark.filterwarnings("ignore:Argument `band` has no waves below")
 def test_a_sled_on_two_rails(tmp_path, capsys):
     scene = written(tmp_path, capsys, "--sled", "--mass", "900 lb")
@@ -222,6 +259,14 @@ def test_what_is_wrong_is_one_line_and_writes_nothing(options, words, tmp_path, 
 
 
 @pytest.mark.full
+def test_joints_without_a_reading_are_as_chosen(tmp_path, capsys):
+    rows = [f"{k / 4},0,{'' if k == 8 else 0.01 * (k > 8)}" for k in range(400)]
+    (tmp_path / "rail.csv").write_text("\n".join(["distance [m],lateral [mm],vertical [mm]", *rows]))
+    scene = written(tmp_path, capsys, "--rail", tmp_path / "rail.csv", "--joints", "hold")
+    assert scene.track.joints == "hold"
+    assert float(scene.track.vertical[8]) == 0.0
+
+
 def test_a_file_that_is_there_stays(tmp_path, capsys):
     file = tmp_path / "sled.toml"
     file.write_text("hers")

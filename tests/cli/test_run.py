@@ -290,6 +290,8 @@ def test_designs_are_compared_told_and_written(file, tmp_path, capsys):
     [
         (["--rails", "3", "--starts", "2"], "Option --starts must come with --over, but is 2"),
         (["--margin", "3"], "--margin must come with a table [environment]"),
+        (["--margin", "3", "--rails", "2"], "--margin must come with a table [environment], but is 3"),
+        (["--margin", "3", "--over", "clearance", "0.8", "1"], "--margin must not come with --over, which makes no"),
         (["--share", "1/2", "--rails", "8"], "--share must come with --store, but is '1/2'"),
         (["--over", "clearance", "0.8"], "have a parameter and two or more values"),
         (["--over", "clearence", "0.8", "1"], "Argument `clearence` is no parameter"),

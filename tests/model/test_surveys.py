@@ -12,6 +12,7 @@ import xarray as xr
 
 import slipperjax as sj
 from slipperjax.model.scene_files import scene_from_json, scene_from_toml, scene_to_json
+from slipperjax.model.surveys import JOINTS
 
 DISTANCE = np.arange(0.0, 60.01, 0.25)
 LATERAL, VERTICAL = 1e-3 * np.sin(2 * np.pi * DISTANCE / 8), 5e-4 * np.cos(2 * np.pi * DISTANCE / 12)
@@ -97,13 +98,13 @@ HEADER = "distance [m], lateral [mm], vertical [mm]"
         ("distance [m], lateral, vertical [mm]", {}, "line 1: 'lateral' is no name with a unit"),
         ("distance [m], lateral [s], vertical [mm]", {}, "line 1: `lateral` must be in a unit like m, but is"),
         (HEADER, {(7, 1): "?"}, r"line 10: `lateral` must be a number, but is '\?'"),
-        (HEADER, {(7, 2): ""}, "line 10: `vertical` has no number"),
-        (HEADER, {(7, 1): "-9999"}, "line 10: `lateral` has no number"),
+        (HEADER, {(7, 2): ""}, r"no reading at 1\.75 m \(line 10\): choose joints = one of"),
+        (HEADER, {(7, 1): "-9999"}, r"no reading at 1\.75 m \(line 10\): choose joints = one of"),
         (HEADER, {(7, 1): "1,5"}, "line 10: has 4 values for 3 names; decimal commas need semicolons"),
         (HEADER, {(7, 0): "1+75"}, r"line 10: `distance` must be a number, or as 129\+773 in m.* but is '1\+75'"),
         ("distance [m], lateral [mm], y [mm]", {}, "line 1: lateral and y are both lateral: leave one out"),
         (HEADER, {(7, 0): 1.5}, r"line 10: distance 1.5 m does not exceed 1.5 m"),
-        (HEADER, {(240, 0): 90.0}, r"line 243: a gap of 30.25 m after 59.75 m, in samples every 0.25 m"),
+        (HEADER, {(240, 0): 90.0}, r"no reading at 59\.75 to 90 m \(line 243\): choose"),
     ],
 )
 def test_what_is_wrong_is_one_line_with_file_and_line(tmp_path, header, cells, words):
@@ -230,10 +231,76 @@ def test_packed_variables_are_unpacked(tmp_path, format):
     np.testing.assert_allclose(track.vertical, exact.vertical, atol=1e-10)
 
 
+LEFT = np.where(DISTANCE < 30.0, 0.0, 2.0)
+"""Readings [mm] with a step at 30 m, where four are missing: the middle between the others is at 29.875 m."""
+MISSING = slice(118, 122)
+
+
+def with_joints(folder, values, *, gap=(40, 40)):
+    """Writes vertical readings [mm] without those of the joint, and without the rows of a gap."""
+    rows = np.column_stack([DISTANCE, 0.0 * values, values]).astype(object)
+    rows[MISSING, 2] = ""
+    table = [",".join(map(str, row)) for k, row in enumerate(rows.tolist()) if not gap[0] <= k < gap[1]]
+    (folder / "survey.csv").write_text("\n".join(["distance [m],lateral [mm],vertical [mm]", *table]))
+    return folder / "survey.csv"
+
+
+@pytest.mark.filterwarnings("ignore:Argument `file`.* too coarsely")
+@pytest.mark.parametrize(("joints", "step"), [("step", 120), ("hold", 122)])
+def test_a_joint_without_a_reading_is_a_step_or_keeps_the_last_reading(joints, step, tmp_path):
+    for path in (with_joints(tmp_path, LEFT), with_joints(tmp_path, LEFT, gap=(118, 122))):
+        rail = sj.load_rail(path, joints=joints)
+        np.testing.assert_allclose(rail.vertical, np.where(np.arange(len(DISTANCE)) < step, 0.0, 2e-3), rtol=1e-15)
+    # of a single missing reading, in the middle, a step leaves the rail before it
+    np.testing.assert_array_equal(
+        JOINTS[joints](np.array([0.0, 2.0]), np.array([5.0, 7.0]), np.arange(3.0)), [5, 5, 7]
+    )
+
+
+@pytest.mark.parametrize("gap", [(40, 40), (40, 60)])
+def test_a_spline_across_a_joint_is_exact_for_a_cubic(gap, tmp_path):
+    cubic = 1e-4 * (DISTANCE - 10.0) * (DISTANCE - 30.0) * (DISTANCE - 50.0)
+    rail = sj.load_rail(with_joints(tmp_path, cubic, gap=gap), joints="spline")
+    # rounding: measured 4e-18 m of 4e-4 m
+    np.testing.assert_allclose(rail.vertical, 1e-3 * cubic, atol=1e-16)
+    assert float(rail.spacing) == pytest.approx(0.25, rel=1e-14)
+
+
+@pytest.mark.filterwarnings("ignore:Argument `file`.* too coarsely")
+def test_the_choice_for_joints_is_in_the_file_of_a_scene_and_kept(tmp_path):
+    with_joints(tmp_path, LEFT, gap=(40, 60))
+    text = 'base = "paper"\n[track]\nfile = "survey.csv"\n'
+    words = (
+        r"survey\.csv: no reading at 9\.75 to 15 m \(line 42\), 29\.5 m \(line 100\), .* and 30\.25 m \(line 103\): "
+    )
+    with pytest.raises(ValueError, match=words + 'choose joints = one of "spline", "step", "hold"'):
+        scene_from_toml(text, str(tmp_path / "sled.toml"))
+    scene = scene_from_toml(text + 'joints = "hold"', str(tmp_path / "sled.toml")).scene
+    assert float(scene.track.vertical[121]) == 0.0
+    for again in (scene_from_toml(scene.to_toml()).scene, scene_from_json(scene_to_json(scene))):
+        assert again.track.joints == "hold"
+        np.testing.assert_array_equal(again.track.vertical, scene.track.vertical)
+
+
+def test_wrong_choices_for_joints_are_one_line(tmp_path):
+    path = with_joints(tmp_path, LEFT)
+    with pytest.raises(ValueError, match="`joints` must be one of spline, step, hold, but is 'bridge'"):
+        sj.load_rail(path, joints="bridge")
+    with pytest.raises(ValueError, match="`joints` must be one of spline, but is 'step'"):
+        sj.load_rail(path, joints="step", chord=10.0)
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([*lines[:-1], "60.0,0,"]))
+    with pytest.raises(ValueError, match=r"survey\.csv: must begin and end with a reading"):
+        sj.load_rail(path, joints="step")
+    path.write_text("\n".join([*lines, "1e6,0,0"]))
+    with pytest.raises(ValueError, match="`joints` must fill less rail than has readings, but is given for 242 of"):
+        sj.load_rail(path, joints="step")
+
+
 def test_gaps_in_netcdf_files_are_named(tmp_path):
     lost = lambda ds: ds.assign(y=ds["y"].where(ds["row"] != 7))
     for attribute in ("_FillValue", "missing_value"):
-        with pytest.raises(ValueError, match=r"survey\.nc, sample 7: `y` has no number"):
+        with pytest.raises(ValueError, match=r"survey\.nc: no reading at 1\.75 m \(sample 7\): choose"):
             sj.load_rail(netcdf(tmp_path, change=lost, y={attribute: -9999.0, "dtype": "float64"}))
 
 

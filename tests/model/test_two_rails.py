@@ -416,7 +416,7 @@ def test_all_faults_of_both_rails_are_told_at_once(tmp_path):
         sj.load_rail(path)
     for words in (
         "line 1: 'left vertical' is no name with a unit, such as distance [m], left_lateral [m]",
-        "line 7: `right lateral` has no number",
+        "no reading at 1.25 m (line 7): choose joints",
         "line 11: `right vertical` must be a number, but is 'loose'",
         "line 22: distance 1 m does not exceed 4.75 m of line 21",
     ):

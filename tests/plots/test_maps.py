@@ -6,12 +6,15 @@ import numpy as np
 import pytest
 import xarray as xr
 from matplotlib.colors import to_hex, to_rgb
+from PIL import Image
 
+import slipperjax as sj
 from slipperjax import plots
 from slipperjax.flow.status import Status
 from slipperjax.model.parameters import PARAMETERS
+from slipperjax.plots import style
 from slipperjax.plots.maps import motions_of
-from slipperjax.plots.style import COLORS, MOTION_COLORS
+from slipperjax.plots.style import COLORS, MOTION_COLORS, UNITS
 
 from .shown import check_legend_fits, labels, legend, marked
 
@@ -109,6 +112,33 @@ def test_the_largest_value_is_drawn_in_its_display_unit():
         assert drawn.mask.ravel()[:4].tolist() == [False, True, True, False]
         assert ax.get_xlabel() == "speed $V$ [m/s]"
         assert len(legend(ax)) == 2  # the flagged case, grey, and what is not there
+
+
+def test_a_sweep_is_drawn_and_written_in_units_of_one_s_choice(tmp_path, monkeypatch):
+    ds = swept(("speed",), (5,)).assign_attrs(call='{"function": "sweep"}')
+    result = sj.Result(ds)
+    ax = result.plot(units=["ft", "lbf"])
+    assert labels(ax) == ("speed $V$ [ft/s]", r"$F_{\mathrm{max}}$ [lbf]")
+    (dots,) = marked(ax, ".")
+    # 1 kN is 224.8089 lbf, 1 ft is 0.3048 m
+    np.testing.assert_allclose(
+        dots.get_xydata()[[0, 4]], [[1000 / 0.3048, 224.8089], [1300 / 0.3048, 1124.045]], rtol=1e-6
+    )
+    # without a choice the units are those of the scene's file, and otherwise those of the quantities
+    of_file = sj.Result(ds.assign_attrs({UNITS: '["ft"]'}))
+    assert labels(of_file.plot()) == ("speed $V$ [ft/s]", r"$F_{\mathrm{max}}$ [kN]")
+    assert labels(of_file.plot(units=[])) == ("speed $V$ [m/s]", r"$F_{\mathrm{max}}$ [kN]")
+    written = []
+    keep = style.png
+    monkeypatch.setattr(style, "png", lambda figure, dpi: written.append(labels(figure.axes[0])) or keep(figure, dpi))
+    result.write(tmp_path / "sweep.png", units=["ft", "lbf"])
+    assert written == [labels(ax)]
+    # 300 dpi where a text spreads it over 16 cm, of which its own width, 3.5 inches, is a part
+    with Image.open(tmp_path / "sweep.png") as image:
+        assert image.width == 1890
+        assert image.width / image.info["dpi"][0] == pytest.approx(3.5, rel=1e-3)
+    with pytest.raises(ValueError, match="`units` must be units of"):
+        result.write(tmp_path / "sweep.png", units=["furlong per"])
 
 
 def test_one_parameter_is_a_row_of_dots():

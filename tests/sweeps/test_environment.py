@@ -140,7 +140,11 @@ def test_a_specification_lies_its_margin_above_the_greatest_density_of_all_rails
         assert ratio.min() == pytest.approx(3.0, abs=1e-6)
         assert of_one["specification_rms"] > of_one["maximax_rms"].max()
     table = report.tables()["specification"]
-    assert list(table.columns[4:]) == ["frequency [Hz]", "density [g^2/Hz]", "g-RMS"]
+    assert list(table.columns[4:]) == ["frequency [Hz]", "density [g^2/Hz]", "g-RMS", "runs"]
+    assert set(table["runs"]) == {3}
+    text = "straight-line specification, 3 dB above the greatest density of 3 runs"
+    assert text in report["specification_density"].attrs["long_name"]
+    assert report.summary()[-1].startswith("specification over 3 rails along ")
 
 
 @pytest.mark.full
