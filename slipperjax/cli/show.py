@@ -48,7 +48,7 @@ def _result(path: Path) -> "AbstractResult":
 @click.argument("file", metavar="FILE", type=INPUT)
 @option("--units", str, "Unit of shown numbers, such as ft, lbf or g; repeat for several.", multiple=True, default=())
 @option("--picture", str, "Picture for --out: a function of slipperjax.plots, or one of yours, my_module.histogram.")
-@option("--variable", str, "Variable for --picture, such as peak_force; repeat where it takes several.", multiple=True)
+@option("--variable", str, "Variable for --picture, such as peak_force; repeat for several.", multiple=True)
 @result(None)
 def show(
     file: Path, units: tuple[str, ...], picture: str | None, variable: tuple[str, ...], out: Sequence[Path]
@@ -79,7 +79,7 @@ def _drawing(picture: str, variables: Sequence[str]) -> "Callable[[xr.Dataset], 
     try:
         inspect.signature(draw).bind(None, *variables)
     except TypeError as error:
-        raise ValueError(f"Option --picture must be a function of a result and of each --variable: {error}.") from None
+        raise ValueError(f"Option --picture must be a function of a result and each --variable: {error}.") from None
     return lambda ds: draw(ds, *variables)
 
 
