@@ -64,12 +64,12 @@ def show(
     ds = found.ds
     require(out or not picture, "--picture", "come with --out", picture)
     draw = None if picture is None else _drawing(picture, variable)
+    if out:
+        said(Outputs(out).write(found, units=units or None, picture=draw))
     scene = ", ".join(named_parameters(ds.attrs, shown_units(ds, units or None)).values())
     versions = listed([f"{name} {number}" for name, number in json.loads(ds.attrs.get("versions", "{}")).items()])
     said(f"{file}: {function_of(ds)}", *_asked(ds), f"scene: {scene}", *sources_of(ds), f"made by {versions}", "")
     said(*found.summary(units or None))
-    if out:
-        said(Outputs(out).write(found, units=units or None, picture=draw))
     return 0
 
 

@@ -97,6 +97,7 @@ class AbstractResult(abc.ABC):
         """
         kind, ds = _known(self)
         if picture is not None:
+            require(callable(picture), "picture", "be a function that returns Axes of matplotlib", picture)
             # alone, without the text of a report
             kind = kind._replace(plot=picture, title="")
         return write_each(contents_of(kind, ds, paths, units, options))

@@ -8,7 +8,7 @@ import slipperjax as sj
 from slipperjax.results.kinds import KINDS
 
 from ..pages import ROOT, blocks
-from .commands import BRANCH, call, dataset, error_of
+from .commands import BRANCH, call, dataset, error_of, picture
 
 FILE = """base = "paper"
 gravity = "9.81 m/s^2"
@@ -83,12 +83,16 @@ def test_wrong_files_are_one_line(tmp_path, capsys):
 def test_a_stored_result_is_drawn_again_and_wrong_pictures_are_errors(tmp_path, capsys):
     out = ["--out", tmp_path / "circle.png", "--out", tmp_path / "branch.csv"]
     call(["show", BRANCH, "--picture", "multiplier_circle", *out], capsys)
-    assert (tmp_path / "circle.png").stat().st_size > 10_000
+    picture(tmp_path / "circle", 4.6, 4.2)  # that of the branch is smaller
     assert len(pd.read_csv(tmp_path / "branch.csv")) == sj.load(BRANCH).ds.sizes["point"]
     for more, words in (
         (["overvew", *out], "be a name in the module slipperjax.plots, but is 'overvew'. Did you mean overview?"),
         (["history", *out], "a function of a result and each --variable: missing a required argument: 'name'"),
         (["no_such_module.histogram", *out], "Option --picture must be a Python module, but is no_such_module"),
+        (
+            ["styled", "--out", tmp_path / "other.png"],
+            "`picture` must be a function that returns Axes of matplotlib, but is one of _Generator",
+        ),
         (["multiplier_circle"], "Option --picture must come with --out"),
     ):
         assert words in error_of(["show", BRANCH, "--picture", *more], capsys)
