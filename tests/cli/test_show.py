@@ -100,8 +100,10 @@ def test_a_stored_result_is_drawn_again_and_wrong_pictures_are_errors(tmp_path, 
 
 @pytest.mark.full
 def test_records_pictures_and_kinds_of_results_come_from_a_module_as_the_page_says(tmp_path, monkeypatch, capsys):
-    (block,) = (b for b in blocks(ROOT / "docs" / "reference" / "architecture.md") if b.language == "python")
-    (tmp_path / "mine.py").write_text(block.text)
+    page = ROOT / "docs" / "reference" / "architecture.md"
+    module, use = (block.text for block in blocks(page) if block.language == "python")
+    (tmp_path / "mine.py").write_text(module)
+    (tmp_path / "used.py").write_text(f"from mine import *\n{use}")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(KINDS, "equilibrium", None)  # so that the entry of the module is taken back
     settings = ["--transient", 0, "--periods", 1, "--steps-per-period", 100]
@@ -117,5 +119,5 @@ def test_records_pictures_and_kinds_of_results_come_from_a_module_as_the_page_sa
     call([*shown, "mine.histogram"], capsys)
     assert (tmp_path / "shares.png").exists()
     assert "Did you mean histogram?" in error_of([*shown, "mine.histogramm"], capsys)
-    text, _ = call(["--import", "mine", "show", "rest.nc"], capsys)
+    text, _ = call(["--import", "used", "show", "rest.nc"], capsys)
     assert "\nhighest z 0.994 mm\n" in text
