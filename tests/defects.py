@@ -397,6 +397,9 @@ texts with units are taken for numbers without | tests/tools/test_units.py -k ha
 exit code of a signal without 128 | tests/cli/test_interrupts.py -k falls_into_a_callback
 -self.code = 128 + number
 +self.code = number
+another picture is not drawn | tests/cli/test_show.py -k drawn_again
+-            kind = kind._replace(plot=picture, title="")
++            kind = kind._replace(title="")
 grid in display units | tests/cli/test_cli.py -k axes_are_read_in_display_units
 -grid[name] = quantity.from_shown(spread
 +grid[name] = quantity.shown(spread

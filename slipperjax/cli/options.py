@@ -12,6 +12,7 @@ import json
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
@@ -152,16 +153,33 @@ def app(cache: bool, modules: tuple[str, ...]) -> None:
         compile_cache()
     else:
         keep_in(None)
-    if modules:
-        sys.path.insert(0, str(Path.cwd()))  # where `python` would also search
     for name in modules:
-        try:
-            importlib.import_module(name)
-        except ImportError as error:
-            raise ValueError(f"Option --import must be a Python module, but is {name}: {error}.") from None
-        except SystemExit as error:
-            need = f"Option --import must be a Python module, but is {name}, a program that exits"
-            raise ValueError(f"{need} with {error}.") from None
+        imported("--import", name)
+
+
+def imported(option: str, name: str) -> ModuleType:
+    """Return the Python module that an option names.
+
+    **Raises:** `ValueError` for a name of no module, and a module that ends the program.
+    """
+    here = str(Path.cwd())  # where `python` would also search
+    if here not in sys.path:
+        sys.path.insert(0, here)
+    need = f"Option {option} must be a Python module, but is {name}"
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise ValueError(f"{need}: {error}.") from None
+    except SystemExit as error:
+        raise ValueError(f"{need}, a program that exits with {error}.") from None
+
+
+def of_module(option: str, path: str) -> Any:
+    """Return what an option names by a module and a name in it, such as my_pictures.histogram."""
+    module, _, name = path.rpartition(".")
+    of = imported(option, module)
+    require(hasattr(of, name), option, f"be a name in the module {module}", name, names=dir(of))
+    return getattr(of, name)
 
 
 class FilePath(click.Path):

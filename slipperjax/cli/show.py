@@ -1,7 +1,8 @@
 """Commands that show what a result holds and how it was made, and what differs between two results."""
 
+import inspect
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,7 +15,7 @@ from ..model.quantities import NET_DIMS
 from ..tools.checks import require
 from ..tools.files import listed, write_each
 from .files import Outputs, said
-from .options import INPUT, app, option
+from .options import INPUT, app, of_module, option, result
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -46,20 +47,40 @@ def _result(path: Path) -> "AbstractResult":
 @app.command()
 @click.argument("file", metavar="FILE", type=INPUT)
 @option("--units", str, "Unit of shown numbers, such as ft, lbf or g; repeat for several.", multiple=True, default=())
-def show(file: Path, units: tuple[str, ...]) -> int:
+@option("--picture", str, "Picture for --out: a function of slipperjax.plots, or one of yours, my_module.histogram.")
+@option("--variable", str, "Variable for --picture, such as peak_force; repeat for several.", multiple=True)
+@result(None)
+def show(
+    file: Path, units: tuple[str, ...], picture: str | None, variable: tuple[str, ...], out: Sequence[Path]
+) -> int:
     """Show what FILE, a result such as run.nc, holds: its question, scene, files with their digests, and numbers.
 
-    To repeat a run with one change: slipperjax run run.nc --set play.vertical="0.1 in".
+    With --out its tables or pictures are written. To repeat a run with one change: slipperjax run run.nc --set
+    play.vertical="0.1 in".
     """
     from ..plots.style import shown_units
 
-    result = _result(file)
-    ds = result.ds
+    found = _result(file)
+    ds = found.ds
+    require(out or not picture, "--picture", "come with --out", picture)
+    draw = None if picture is None else _drawing(picture, variable)
+    if out:
+        said(Outputs(out).write(found, units=units or None, picture=draw))
     scene = ", ".join(named_parameters(ds.attrs, shown_units(ds, units or None)).values())
     versions = listed([f"{name} {number}" for name, number in json.loads(ds.attrs.get("versions", "{}")).items()])
     said(f"{file}: {function_of(ds)}", *_asked(ds), f"scene: {scene}", *sources_of(ds), f"made by {versions}", "")
-    said(*result.summary(units or None))
+    said(*found.summary(units or None))
     return 0
+
+
+def _drawing(picture: str, variables: Sequence[str]) -> "Callable[[xr.Dataset], object]":
+    """Return the function that draws variables of a dataset as a picture, by the name of its function."""
+    draw = of_module("--picture", picture if "." in picture else f"slipperjax.plots.{picture}")
+    try:
+        inspect.signature(draw).bind(None, *variables)
+    except TypeError as error:
+        raise ValueError(f"Option --picture must be a function of a result and each --variable: {error}.") from None
+    return lambda ds: draw(ds, *variables)
 
 
 def _asked(ds: "xr.Dataset") -> Iterator[str]:

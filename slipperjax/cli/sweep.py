@@ -30,6 +30,7 @@ from .options import (
     begin,
     defaults,
     flag,
+    of_module,
     option,
     parameters_of,
     result,
@@ -121,7 +122,7 @@ def lyapunov(case: Case, over: Axis, by: Axis | None, log: tuple[str, ...], out:
     "--record",
     str,
     "Record of each case: sections, strobe, history, exponents, orbits, or numbers such as motion, "
-    "peak_force, rms; repeat for several.",
+    "peak_force, rms, or one of yours, my_module.name; repeat for several.",
     multiple=True,
 )
 @transient
@@ -168,8 +169,9 @@ def sweep(
     # the first record with its own default decides about the periods
     usual = next((PERIODS[name] for name in record if name in PERIODS), lambda: defaults(SWEEP)["periods"])
     periods = periods or usual()
+    own = lambda name: of_module("--record", name) if "." in name else name
     # a single record is passed alone, as in scripts
-    records = record[0] if len(record) == 1 else list(record)
+    records = own(record[0]) if len(record) == 1 else list(map(own, record))
     if records == "orbits":
         records = NearestOrbit(periods)
     options = dict(transient=transient, periods=periods, record=records, begin=begin, product=sample is None)

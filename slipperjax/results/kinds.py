@@ -74,5 +74,6 @@ def kind_of(ds: xr.Dataset) -> Kind:
     **Raises:** `ValueError` for a dataset that no function of slipperjax made.
     """
     function = function_of(ds)
-    require(function in KINDS, "result", f"be of one of {', '.join(KINDS)}", function)
+    need = f"be of one of {', '.join(KINDS)}, or of a kind whose module is imported before"
+    require(function in KINDS, "result", need, function)
     return SEVERAL_RUNS if function == "run" and ds["status"].ndim else KINDS[function]

@@ -3,7 +3,7 @@
 import abc
 import html
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -77,7 +77,13 @@ class AbstractResult(abc.ABC):
         kind, ds = _known(self)
         return kind.plot(in_units(ds, units), **options)
 
-    def write(self, *paths: "str | os.PathLike[str]", units: Sequence[str] | None = None, **options: object) -> str:
+    def write(
+        self,
+        *paths: "str | os.PathLike[str]",
+        units: Sequence[str] | None = None,
+        picture: Callable[..., Any] | None = None,
+        **options: object,
+    ) -> str:
         """Write files, each whole or not at all, by their endings.
 
         - `.nc`: all numbers, which `slipperjax.load` reads; `.mat`: the same for MATLAB.
@@ -86,13 +92,19 @@ class AbstractResult(abc.ABC):
         - `.csv`: the main table, and further tables in files with their names before the ending; `.xlsx`: summary and
             tables as sheets.
 
-        **Arguments:** `units`: as for `summary`; `options`: of the picture, as for `plot`.
+        **Arguments:** `units`: as for `summary`; `picture`: a function of a dataset that draws another picture and
+        returns its Axes, such as `slipperjax.plots.quantity_map`; `options`: of the picture, as for `plot`.
 
         **Returns:** a text that names the written files.
 
         **Raises:** `ValueError` for another ending; `OSError` for a file that cannot be written.
         """
-        return write_each(contents_of(*_known(self), paths, units, options))
+        kind, ds = _known(self)
+        if picture is not None:
+            require(callable(picture), "picture", "be a function that returns Axes of matplotlib", picture)
+            # alone, without the text of a report
+            kind = kind._replace(plot=picture, title="")
+        return write_each(contents_of(kind, ds, paths, units, options))
 
     def __repr__(self) -> str:
         return "\n  ".join([type(self).__name__, *self.summary()])

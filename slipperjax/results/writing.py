@@ -85,8 +85,13 @@ def _content(
     from ..plots.style import content_of, in_units, png
 
     ds = in_units(ds, units)
-    # all Axes of a picture are in one figure
-    draw = lambda: np.asarray(kind.plot(ds, **options)).flat[0].figure
+
+    def draw() -> "Figure":
+        # all Axes of a picture are in one figure
+        first = np.asarray(kind.plot(ds, **options)).flat[0]
+        need = "be a function that returns Axes of matplotlib"
+        require(hasattr(first, "figure"), "picture", need, shown=f"one of {type(first).__name__}")
+        return first.figure
     if ending == ".pdf" and kind.title:
         text = (kind.report or kind.summary)(ds, units)
         return _report(kind.title, text, kind.pages(ds) if kind.pages else [draw()])

@@ -5,8 +5,10 @@ import pandas as pd
 import pytest
 
 import slipperjax as sj
+from slipperjax.results.kinds import KINDS
 
-from .commands import call, dataset, error_of
+from ..pages import ROOT, blocks
+from .commands import BRANCH, call, dataset, error_of, picture
 
 FILE = """base = "paper"
 gravity = "9.81 m/s^2"
@@ -88,3 +90,46 @@ def test_wrong_files_are_one_line(tmp_path, capsys):
     for command in (["show", tmp_path / "scene.toml"], ["compare", tmp_path / "scene.toml", tmp_path / "scene.toml"]):
         assert "`FILE` must be a result such as run.nc" in error_of(command, capsys)
     assert "absent.nc" in error_of(["show", tmp_path / "absent.nc"], capsys)
+
+
+def test_a_stored_result_is_drawn_again_and_wrong_pictures_are_errors(tmp_path, capsys):
+    out = ["--out", tmp_path / "circle.png", "--out", tmp_path / "branch.csv"]
+    call(["show", BRANCH, "--picture", "multiplier_circle", *out], capsys)
+    picture(tmp_path / "circle", 4.6, 4.2)  # that of the branch is smaller
+    assert len(pd.read_csv(tmp_path / "branch.csv")) == sj.load(BRANCH).ds.sizes["point"]
+    for more, words in (
+        (["overvew", *out], "be a name in the module slipperjax.plots, but is 'overvew'. Did you mean overview?"),
+        (["history", *out], "a function of a result and each --variable: missing a required argument: 'name'"),
+        (["no_such_module.histogram", *out], "Option --picture must be a Python module, but is no_such_module"),
+        (
+            ["styled", "--out", tmp_path / "other.png"],
+            "`picture` must be a function that returns Axes of matplotlib, but is one of _Generator",
+        ),
+        (["multiplier_circle"], "Option --picture must come with --out"),
+    ):
+        assert words in error_of(["show", BRANCH, "--picture", *more], capsys)
+
+
+@pytest.mark.full
+def test_records_pictures_and_kinds_of_results_come_from_a_module_as_the_page_says(tmp_path, monkeypatch, capsys):
+    page = ROOT / "docs" / "reference" / "architecture.md"
+    module, use = (block.text for block in blocks(page) if block.language == "python")
+    (tmp_path / "mine.py").write_text(module)
+    (tmp_path / "used.py").write_text(f"from mine import *\n{use}")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(KINDS, "equilibrium", None)  # so that the entry of the module is taken back
+    settings = ["--transient", 0, "--periods", 1, "--steps-per-period", 100]
+    sweep = ["sweep", "--over", "speed", 1000, 1250, 2, *settings, "--out", "map.nc"]
+    call([*sweep, "--record", "mine.airborne"], capsys)
+    found = dataset(tmp_path / "map")["airborne_fraction"].values
+    for speed, share in zip((1000.0, 1250.0), found, strict=True):
+        run = sj.simulate(sj.paper_scene(speed=speed), 1, saves_per_period=100, steps_per_period=100).ds
+        # both are sampled, at 200 and 101 instants: one of these may differ at each change; measured 0.004 at most
+        assert share == pytest.approx(float((run["gap"] > 0).all(("end", "point")).mean()), abs=0.01)
+        assert share > 0.2  # from the start to the first contact
+    shown = ["show", "map.nc", "--variable", "airborne_fraction", "--out", "shares.png", "--picture"]
+    call([*shown, "mine.histogram"], capsys)
+    assert (tmp_path / "shares.png").exists()
+    assert "Did you mean histogram?" in error_of([*shown, "mine.histogramm"], capsys)
+    text, _ = call(["--import", "used", "show", "rest.nc"], capsys)
+    assert "\nhighest z 0.994 mm\n" in text
