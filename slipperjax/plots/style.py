@@ -371,7 +371,7 @@ def letter(axes: Sequence[Axes] | np.ndarray) -> None:
     # outside, next to a legend and above the labels of ticks, where letters hide nothing
     place: Any = dict(xycoords="axes fraction", textcoords="offset points", va="bottom", ha="right")
     for ax, name in zip(axes, string.ascii_lowercase, strict=False):
-        ax.annotate(f"({name})", (0, 1), (-4, 1), fontsize=setting("axes.labelsize"), **place)
+        ax.annotate(f"({name})", (0, 1), (-4, 4), fontsize=setting("axes.labelsize"), **place)
 
 
 def label_lowest(panels: np.ndarray) -> None:
