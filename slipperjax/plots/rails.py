@@ -60,8 +60,8 @@ def rail(scene: Scene, ds: object = None) -> np.ndarray:
             across = lower.get_xaxis_transform()  # heights as shares of the axes
             lower.text(middle, 0.95, "band of\nthe slipper", transform=across, ha="center", va="top", fontsize=7)
         distance = along.display_unit
-        unit = typeset(f"{height.display_unit}^2 {distance}")
-        lower.set(xlabel=f"wavenumber [cycles/{distance}]", ylabel=f"density [{unit}]", ylim=(1e-10 * top, 5 * top))
+        density = typeset(f"density [{height.display_unit}^2 {distance}]")
+        lower.set(xlabel=f"wavenumber [cycles/{distance}]", ylabel=density, ylim=(1e-10 * top, 5 * top))
         if ds is not None:
             # forces over the same distance
             for line in most_loaded(ds, 3):
