@@ -100,6 +100,6 @@ def comparison(ds: object, units: Units = None) -> np.ndarray:
         right.axvline(0.0, color="black", lw=0.6)
         right.set_yticks(np.arange(len(shares)), [of_runs(share) for share in shares])
         right.set_ylim(-0.5 - 0.12 * len(view.labels), len(shares) - 0.5)
-        right.set_title("bars: 95 % intervals, of all differences at once", fontsize=7)
+        right.set_title("bars: joint 95 % intervals", fontsize=7)
         right.set_xlabel(with_unit("difference from the best", q.display_unit, brackets=True))
     return axes

@@ -9,7 +9,17 @@ from matplotlib.axes import Axes
 from ..model.parameters import PARAMETERS
 from ..model.quantities import Quantity
 from ..tools.checks import one_of
-from .style import COLORS, check_dataset, entitle, legend_above, line_color, page, typeset, with_unit
+from .style import (
+    COLORS,
+    check_dataset,
+    entitle,
+    legend_above,
+    line_color,
+    page,
+    plain_number,
+    typeset,
+    with_unit,
+)
 
 SOURCE = "slipperjax.fit"
 SHOWN = 150
@@ -121,11 +131,11 @@ def _draw_parameters(ax: Axes, ds: xr.Dataset) -> None:
         ax.plot(estimate, row, "o", ms=4, color=line_color(0), label="estimate")
         for other in others:
             ax.plot(other, row, "x", ms=4, color=line_color(1), label="another minimum")
-        value, low, high = (q.shown(float(number)) for number in stated)
-        text = with_unit(f"{value:.5g} ({low:.5g} to {high:.5g})", q.display_unit)
+        value, low, high = (plain_number(q.shown(float(number))) for number in stated)
+        text = with_unit(f"{value} ({low} to {high})", q.display_unit)
         ax.text(0.5, row - 0.28, text, ha="center", va="center", fontsize=6)
     ax.set_yticks(range(len(quantities)), [q.words for q in quantities])
-    ax.set(xlim=(0, 1), ylim=(len(quantities) - 0.5, -0.6), xlabel="within 98 % of what was expected before [1]")
+    ax.set(xlim=(0, 1), ylim=(len(quantities) - 0.5, -0.6), xlabel="within 98 % of what was expected before")
 
 
 def fit_quantities(ds: xr.Dataset) -> list[Quantity]:

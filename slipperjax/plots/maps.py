@@ -31,7 +31,9 @@ from .style import (
     legend_patch,
     line_color,
     mark_cases,
+    name_and_symbol,
     page,
+    quantity_of,
     shown,
     status_of,
     swept,
@@ -337,7 +339,7 @@ def quantity_map(ds: xr.Dataset, name: str = "peak_force", ax: Axes | None = Non
         raise ValueError(f"Argument `ds` must be over one parameter or two, but {name} is over {ds[name].dims}.")
     with drawing(ax, ds, height=2.8 if len(over) == 1 else 3.3) as ax:
         if len(over) == 2:
-            values = highest(ds, name, *over)
+            values = highest(ds, name, *over).assign_attrs(long_name=name_and_symbol(quantity_of(name, ds)))
             color_bar(ax, map_over(ds, over, values.values, ax, "viridis", color_norm), label(values))
             return ax
         drawn = []

@@ -4,8 +4,8 @@ import numpy as np
 
 from ..analysis.spectra import power_spectral_density
 from ..model.scene import Scene, check_scene
-from .runs import DISTANCE, draw_irregularity, units_along
-from .style import COLORS, OWN_UNITS, check_dataset, label, legend_above, page, shown, with_unit
+from .runs import DISPLACEMENT, DISTANCE, draw_irregularity, units_along
+from .style import COLORS, OWN_UNITS, check_dataset, label, legend_above, page, shown, typeset, with_unit
 from .trajectories import TRAJECTORY_SOURCE, most_loaded
 
 
@@ -33,7 +33,8 @@ def rail(scene: Scene, ds: object = None) -> np.ndarray:
         extent = float(last - first)
     places = 4096
     units = units_along(scene, OWN_UNITS)
-    along = units.of(DISTANCE)
+    along, height = units.of(DISTANCE), units.of(DISPLACEMENT)
+    rate = places / along.shown(extent)
     heights = [0.6, 0.6, 1.0] + [1.0] * (ds is not None)
     with page(len(heights), 1, 2.0 * sum(heights), height_ratios=heights) as axes:
         *over_distance, lower = axes
@@ -41,7 +42,7 @@ def rail(scene: Scene, ds: object = None) -> np.ndarray:
         # spectra in the colours of the displacements
         for width, ax in zip((1.6, 0.6), axes, strict=False):
             for line in ax.lines:
-                spectrum = power_spectral_density(line.get_ydata(), places / extent)
+                spectrum = power_spectral_density(line.get_ydata(), rate)
                 seen = slice(1, places // 4)  # finer waves come only from the drawing
                 # zeros, which a logarithmic axis cannot show, are raised
                 density = spectrum.density[seen] + 1e-300
@@ -52,13 +53,15 @@ def rail(scene: Scene, ds: object = None) -> np.ndarray:
         slope = float(scene.track.steepest_slope)
         # the wavenumbers to which the slipper responds, unless the rail is straight
         if slope > 0:
-            slipper = float(scene.slipper.length)
-            longest = max(2 * float(scene.value("clearance")) / slope, slipper)
+            slipper = along.shown(float(scene.slipper.length))
+            longest = max(along.shown(2 * float(scene.value("clearance")) / slope), slipper)
             lower.axvspan(1 / longest, 1 / slipper, color=COLORS["grey"], alpha=0.25, lw=0)
             middle = 1 / np.sqrt(longest * slipper)
             across = lower.get_xaxis_transform()  # heights as shares of the axes
             lower.text(middle, 0.95, "band of\nthe slipper", transform=across, ha="center", va="top", fontsize=7)
-        lower.set(xlabel="wavenumber [cycles/m]", ylabel="density [mm$^2$ m]", ylim=(1e-10 * top, 5 * top))
+        distance = along.display_unit
+        density = typeset(f"density [{height.display_unit}^2 {distance}]")
+        lower.set(xlabel=f"wavenumber [cycles/{distance}]", ylabel=density, ylim=(1e-10 * top, 5 * top))
         if ds is not None:
             # forces over the same distance
             for line in most_loaded(ds, 3):
@@ -69,5 +72,5 @@ def rail(scene: Scene, ds: object = None) -> np.ndarray:
         for ax in over_distance:
             ax.set_xlim(along.shown(np.array([first, first + extent])))
             ax.tick_params(labelbottom=ax is over_distance[-1])
-        over_distance[-1].set_xlabel(with_unit("distance", along.display_unit, brackets=True))
+        over_distance[-1].set_xlabel(with_unit("distance", distance, brackets=True))
     return axes

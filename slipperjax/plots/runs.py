@@ -45,6 +45,7 @@ from .style import (
 RUN_SOURCE = "one run, such as sj.run(scene, length=1000.0)"
 """Kind of the datasets drawn here, for errors."""
 DISTANCE = Quantity("distance", "m", "distance along the rail")
+DISPLACEMENT = Quantity("rail_displacement", "m", "displacement of the rail", shown_unit="mm")
 
 
 class RunView(NamedTuple):
@@ -227,13 +228,12 @@ def speed_name(ds: xr.Dataset) -> str:
 def draw_irregularity(axes: np.ndarray, scene: Scene, places: np.ndarray, units: ShownUnits) -> None:
     """Draw the displacements of the rail, or of both rails, at `places` [m] in two panels: lateral and vertical, on
     one scale."""
-    along = units.of(DISTANCE)
+    along, height = units.of(DISTANCE), units.of(DISPLACEMENT)
     # on one scale, so that heights can be compared
     axes[1].sharey(axes[0])
     rails = scene.track.rails or {"": scene.track}
     displacements = {side: rail.irregularity(places + 0 * scene.wavelength) for side, rail in rails.items()}
     for ax, name, colors in zip(axes, ("lateral", "vertical"), ((0, 2), (1, 3)), strict=True):
-        height = units.of(Quantity(f"rail_{name}", "m", f"{name} displacement of the rail", shown_unit="mm"))
         for (side, here), color in zip(displacements.items(), colors, strict=False):
             values = height.shown(np.broadcast_to(np.asarray(getattr(here, name)), places.shape))
             ax.plot(along.shown(places), values, lw=0.5, color=line_color(color), label=f"{side} {name}".strip())

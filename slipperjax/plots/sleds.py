@@ -19,31 +19,37 @@ def plan(source: Scene | xr.Dataset, ax: Axes | None = None, units: Units = None
     """Draw a sled on its rails from above, to scale: its slippers with their names, and its centre of mass.
 
     The sled travels to the right. For a run, colours show the slippers' greatest net forces, unless these mean
-    nothing.
+    nothing. For a grid, such as of rails, they show the medians of its runs: one run of a chaotic motion is one draw.
 
-    **Arguments:** `source`: a scene, or a dataset of `run` without a grid or of one case of it; `ax`: the Axes to
+    **Arguments:** `source`: a scene, or a dataset of `run`, whose first case has the drawn scene; `ax`: the Axes to
     draw into, default the Axes of a new figure; `units`: of forces, as for `run_overview`.
 
     **Returns:** the Axes, in m.
     """
-    view = None
+    case, views = None, []
     if not isinstance(source, Scene):
-        view = RunView.of(check_dataset(source, RUN_SOURCE, argument="source"), units=units)
-    scene = check_scene(source if view is None else view.scene)
+        ds = check_dataset(source, RUN_SOURCE, "status", argument="source")
+        grid = ds["status"].dims
+        # a run without a grid is one case
+        cases = (dict(zip(grid, place, strict=True)) for place in np.ndindex(ds["status"].shape))
+        views = [RunView.of(ds.isel(at), units=units) for at in cases]
+        case = views[0].ds.drop_vars(grid)
+    scene = check_scene(views[0].scene if views else source)
     names = list(scene.slipper.names or ["slipper"])
     axis = contact_points(scene).axis[0]
     # the same for all points of each slipper
     rails = np.zeros(len(names)) if axis is None else np.asarray(axis).reshape(len(names), -1)[:, 0]
-    with drawing(ax, None if view is None else view.ds, 5.0, 3.6) as ax:
+    with drawing(ax, case, 5.0, 3.6) as ax:
         colors = [SLIPPER_STYLE["facecolor"]] * len(names)
-        if view is not None and (peak := main_peak(view.ds)):
-            force = abs(view.shown(peak))
-            values = np.atleast_1d(force.max(set(force.dims) - {"slipper"}))
+        if case is not None and (peak := main_peak(case)):
+            forces = [abs(view.shown(peak)) for view in views]
+            values = np.median([np.atleast_1d(of.max(set(of.dims) - {"slipper"})) for of in forces], axis=0)
             # from zero, so that the differences within a run do not look larger than they are
             by_force = ScalarMappable(Normalize(0.0, float(np.max(values[np.isfinite(values)], initial=0.0))))
-            color_bar(ax, by_force, label(view.shown(peak)))
+            of_several = f"median of {len(views)} runs:\n" if grid else ""
+            color_bar(ax, by_force, of_several + label(forces[0]))
             colors = by_force.to_rgba(values)
-            unit = view.quantity(peak).display_unit
+            unit = forces[0].attrs["units"]
             names = [f"{name}\n{value:.4g} {unit}" for name, value in zip(names, values, strict=True)]
         for name, slipper, rail, color in zip(names, scene.mounted, rails, colors, strict=True):
             x, y, _ = (0.0 if place is None else float(place) for place in slipper.place)

@@ -373,7 +373,7 @@ def letter(axes: Sequence[Axes] | np.ndarray) -> None:
     # outside, next to a legend and above the labels of ticks, where letters hide nothing
     place: Any = dict(xycoords="axes fraction", textcoords="offset points", va="bottom", ha="right")
     for ax, name in zip(axes, string.ascii_lowercase, strict=False):
-        ax.annotate(f"({name})", (0, 1), (-4, 1), fontsize=setting("axes.labelsize"), **place)
+        ax.annotate(f"({name})", (0, 1), (-4, 4), fontsize=setting("axes.labelsize"), **place)
 
 
 def label_lowest(panels: np.ndarray) -> None:
@@ -578,7 +578,16 @@ def entitle(figure: Figure, *lines: str) -> None:
     """Write lines above a figure, below its title, if the style has titles."""
     text = "\n".join(filter(None, [figure.get_suptitle(), *lines]))
     if text and _look.get().titles:
-        figure.suptitle(text, fontsize=setting("figure.titlesize"), wrap=True)
+        size = setting("figure.titlesize")
+        # a letter is about half as wide as the font is high
+        letters = int(72 * figure.get_figwidth() / (0.5 * size))
+        figure.suptitle("\n".join(_wrapped(line, letters) for line in text.splitlines()), fontsize=size, wrap=True)
+
+
+def _wrapped(line: str, letters: int) -> str:
+    """Return a line in lines of so many letters, which end at a comma or semicolon, never between name and value."""
+    joined = re.sub("(?<![,;]) ", "\xa0", line)
+    return textwrap.fill(joined, letters, break_long_words=False, break_on_hyphens=False).replace("\xa0", " ")
 
 
 def name_status(figure: Figure, code: int) -> None:

@@ -109,7 +109,7 @@ def draw(
     points: list[Point],
     *,
     shown: Mapping[str, str] = SHOWN,
-    error: str = "error of the motion [scales]",
+    error: str = "scaled error of the motion",
 ) -> np.ndarray:
     """Draw error against cost with a panel per scene and at most eight methods.
 

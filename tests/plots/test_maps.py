@@ -16,7 +16,7 @@ from slipperjax.plots import style
 from slipperjax.plots.maps import motions_of
 from slipperjax.plots.style import COLORS, MOTION_COLORS, UNITS
 
-from .shown import check_legend_fits, labels, legend, marked
+from .shown import bar_of, check_legend_fits, labels, legend, marked
 
 OVER = ("clearance", "speed")
 
@@ -111,6 +111,7 @@ def test_the_largest_value_is_drawn_in_its_display_unit():
         assert drawn[0, 0] == 1.0  # kN, of the second point
         assert drawn.mask.ravel()[:4].tolist() == [False, True, True, False]
         assert ax.get_xlabel() == "speed $V$ [m/s]"
+        assert bar_of(ax).get_ylabel() == r"peak force $F_{\mathrm{max}}$ [kN]"
         assert len(legend(ax)) == 2  # the flagged case, grey, and what is not there
 
 

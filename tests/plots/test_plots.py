@@ -256,6 +256,19 @@ def test_rails_are_drawn_from_where_they_begin():
     np.testing.assert_allclose(y[inside], np.sin(x[inside] - 129_773.0), atol=5e-3)
 
 
+@pytest.mark.full
+def test_the_spectrum_of_a_survey_in_feet_is_in_its_units(tmp_path):
+    feet = np.arange(0.0, 660.0, 2.0)
+    rows = np.column_stack([feet, 0.0 * feet, np.sin(2 * np.pi * feet / 20.0)])
+    np.savetxt(tmp_path / "survey.csv", rows, "%.9f", ",", header="chainage [ft], lateral [in], vertical [in]")
+    *_, spectrum = plots.rail(dataclasses.replace(sj.paper_scene(), track=sj.load_rail(tmp_path / "survey.csv")))
+    wavenumber, density = spectrum.lines[1].get_data()
+    assert (spectrum.get_xlabel(), spectrum.get_ylabel()) == ("wavenumber [cycles/ft]", "density [in$^{2}$ ft]")
+    assert wavenumber[density.argmax()] == pytest.approx(1 / 20.0, rel=0.02)  # a bin is 0.0015 cycles/ft
+    # a sine of 1 in has a mean square of 1/2 in^2
+    assert density.sum() * np.diff(wavenumber)[0] == pytest.approx(0.5, rel=0.05)
+
+
 def test_both_rails_of_a_track_are_drawn():
     left, right = sj.HarmonicTrack((8.0,), 1e-3), sj.HarmonicTrack((8.0,), 2e-3)
     mounts = [sj.Mount(0.0, y, 0.0, rail=rail) for y, rail in ((0.6, "left"), (-0.6, "right"))]

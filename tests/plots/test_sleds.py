@@ -132,6 +132,11 @@ def test_a_plan_has_each_slipper_at_its_place_coloured_by_its_force(run):
     texts = [text.get_text() for text in ax.texts]
     assert texts == [f"{name}\n{force:.4g} kN" for name, force in zip(NAMES, highest, strict=True)]
     assert bar_of(ax).get_ylim() == pytest.approx((0.0, highest.max()))
+    # of runs with 1, 3 and 2 times the forces the median has twice the forces
+    many = xr.concat([run.assign(peak_slipper_force=k * run["peak_slipper_force"]) for k in (1, 3, 2)], "mass")
+    several = plots.plan(many.assign_coords(mass=[400.0, 410.0, 420.0]))
+    assert bar_of(several).get_ylim() == pytest.approx((0.0, 2 * highest.max()))
+    assert bar_of(several).get_ylabel().startswith("median of 3 runs:\npeak slipper force")
     # a single slipper, and a run whose numbers mean nothing
     assert [text.get_text() for text in plots.plan(sj.paper_scene()).texts] == ["slipper"]
     lost = plots.plan(run.assign(status=int(sj.Status.DERAILED), window_status=("distance", np.full(30, 2))))
