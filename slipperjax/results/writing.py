@@ -92,6 +92,7 @@ def _content(
         need = "be a function that returns Axes of matplotlib"
         require(hasattr(first, "figure"), "picture", need, shown=f"one of {type(first).__name__}")
         return first.figure
+
     if ending == ".pdf" and kind.title:
         text = (kind.report or kind.summary)(ds, units)
         return _report(kind.title, text, kind.pages(ds) if kind.pages else [draw()])
