@@ -86,7 +86,7 @@ def environment(
         require(name in one, "runs", f"be {need}", shown="others")
     scene, _ = load_base(given[0])
     at, edges = check_environment(scene, places, low=low, high=high, quality=quality, window=window, margin=margin)
-    histories, seconds, steps = _histories(given, name)
+    histories, seconds, steps = histories_of(given, name)
     intervals = np.diff(seconds)
     least = LEAST_RATE * edges[-1]
     rate = max(1 / float(np.median(intervals)), least)
@@ -167,7 +167,7 @@ def check_environment(
     return at, band_edges(low, high)
 
 
-def _histories(
+def histories_of(
     runs: Sequence[xr.Dataset], name: str
 ) -> tuple[
     Float[np.ndarray, "rails samples components"], Float[np.ndarray, " samples"], Float[np.ndarray, " samples"]

@@ -1,0 +1,86 @@
+"""Texts and tables of records over the model, in g as in test reports."""
+
+import json
+from collections.abc import Iterator
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from ..flow.datasets import sources_of
+from ..plots.environment import in_g, three_digits
+from ..plots.style import Units
+from ..plots.telemetry import Sides, sides_of
+
+
+def tables(ds: xr.Dataset, units: Units = None) -> dict[str, pd.DataFrame]:
+    """Return tables of bands, of natural frequencies and of windows: record, model and their ratio [dB], a row for
+    each; the model's columns are quantiles over rails."""
+    made = {name: _table(ds, sides) for name, sides in sides_of(ds, units)}
+    made["bands"].insert(0, "low [Hz]", ds["low"].values)
+    made["bands"].insert(1, "high [Hz]", ds["high"].values)
+    made["windows"]["bands up to [Hz]"] = ds["known_to"].values
+    return made
+
+
+def _table(ds: xr.Dataset, sides: Sides) -> pd.DataFrame:
+    columns = {f"{sides.at.long_name} [{sides.at.display_unit}]": sides.places, "record": sides.record}
+    shares = ds["quantile"].values
+    names = [f"model {100 * share:g} %" for share in shares] if len(shares) > 1 else ["model"]
+    columns |= dict(zip(names, sides.model, strict=True))
+    with_units = {f"{name} [{sides.of.unit}]" if k else name: values for k, (name, values) in enumerate(columns.items())}
+    return pd.DataFrame(with_units | {"record over model [dB]": sides.ratio})
+
+
+def summary(ds: xr.Dataset, units: Units = None) -> list[str]:
+    """Return a record over the model as a text: RMS of both sides, a line for each comparison, and what was done."""
+    call = json.loads(ds.attrs["call"])
+    shown = in_g(ds)
+    model = [three_digits(value) for value in shown["total_rms"].values]
+    band = f" ({model[0]} to {model[-1]} g in {_band(ds)})" if len(model) > 1 else ""
+    known = float(ds["known_to"].max())
+    lines = [
+        f"{call['sensor']['name']}, {call['low']:g} to {known:.4g} Hz: RMS {three_digits(shown['measured_total_rms'])} "
+        f"g in the record, {model[len(model) // 2]} g in the model{band}, {float(ds['total_rms_ratio']):+.2f} dB"
+    ]
+    if known < 0.999 * float(ds["high"][-1]):
+        lines.append(f"bands up to {call['high']:g} Hz need more steps and samples of the run")
+    lines += [_compared(ds, name, sides) for name, sides in sides_of(ds, units)]
+    return [*lines, *_stated(ds)]
+
+
+def _band(ds: xr.Dataset) -> str:
+    return f"5 to 95 % of {ds.attrs['rails']} rails"
+
+
+def _compared(ds: xr.Dataset, name: str, sides: Sides) -> str:
+    """Return a line for one comparison: the range of ratios, the farthest one's place, and the share in the band."""
+    known = np.isfinite(sides.ratio)
+    if not known.any():
+        return f"{sides.of.text}: not known"
+    ratio = sides.ratio[known]
+    k = int(np.argmax(np.abs(ratio)))
+    place = f"{three_digits(sides.places[known][k])} {sides.at.display_unit}"
+    text = f"{sides.of.text}: {ratio.min():+.2f} to {ratio.max():+.2f} dB, farthest at {place}"
+    inside = f"{sides.of.name}_inside"
+    if inside not in ds:
+        return text
+    return f"{text}; {100 * float(ds[inside]):.0f} % of {known.sum()} {name} inside {_band(ds)}"
+
+
+def report(ds: xr.Dataset, units: Units = None) -> list[str]:
+    """Return the text of a report: the summary, what it was made from, and the tables."""
+    lines = [*summary(ds, units), *sources_of(ds)]
+    for name, table in tables(ds, units).items():
+        lines += ["", name.capitalize(), "", *table.to_string(index=False, float_format="{:.4g}".format).splitlines()]
+    return lines
+
+
+def _stated(ds: xr.Dataset) -> Iterator[str]:
+    """Yield texts on what was done to both sides."""
+    quality = json.loads(ds.attrs["call"])["quality"]
+    yield (
+        f"both sides: {ds.attrs['rate [Hz]']:g} samples a second, low-pass {ds.attrs['cutoff [Hz]']:g} Hz, straight "
+        f"line subtracted, {ds.sizes['distance']} Hann windows of {ds.attrs['window of densities [s]']:.3g} s, "
+        f"Q = {quality:g}"
+    )
