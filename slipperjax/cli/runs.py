@@ -13,7 +13,7 @@ import numpy as np
 
 from ..flow.status import is_lost
 from ..model.parameters import PARAMETERS, parameter
-from ..tools.checks import require
+from ..tools.checks import one_of, require
 from .files import Outputs, keeping, kept_in, said
 from .options import (
     COUNT,
@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 
 SEPARATOR = "\t"
 """Separator between the words of --over, because words may have spaces in them."""
+Further = tuple[Outputs, Callable[..., "Result"], dict[str, Any]]
+"""Files, function and arguments of a further result of runs."""
 
 
 class _Comparing(CommandOf):
@@ -84,6 +86,13 @@ class _Comparing(CommandOf):
 @option("--store", FILE, "With --rails or --over: keep runs in this store, from which the same command continues.")
 @option("--share", str, "With --store: compute only share I of N of the runs, for jobs of an array.", metavar="I/N")
 @option("--margin", float, "Margin of the specification of a table [environment] [dB].", default=None)
+@option(
+    "--measured",
+    INPUT,
+    "Measured acceleration, laid over the model's: a table with columns time, acceleration, and perhaps distance or "
+    "speed.",
+)
+@option("--sensor", str, "With --measured: table [sensors.NAME] of FILE; default: the only one.", metavar="NAME")
 @result("run")
 @takes_case
 @click.argument("scene", metavar="FILE", type=INPUT)
@@ -93,6 +102,8 @@ def run(
     out: Sequence[Path],
     over: Sequence[str],
     margin: float | None,
+    measured: Path | None,
+    sensor: str | None,
     **ensemble: object,
 ) -> int:
     """Run the scene of FILE along a length of rail, at a speed that may change, as its table [run] says; or over many
@@ -101,7 +112,8 @@ def run(
     FILE: a TOML file with a table [run], which has a length, such as length = "5 km"; or -, standard input; or the
     result of a run, which is repeated, with the changes of options such as --set play.vertical="0.1 in". With a table
     [environment] the vibration environment of its places is also printed, with a table [loads] the loads that size
-    parts; they are written into further files with -environment and -loads in their names.
+    parts; they are written into further files with -environment and -loads in their names. With --measured a record
+    is laid over the model at its sensor, in the bands of the table [environment], into files with -telemetry.
     """
     file = case.file
     path = click.get_current_context().params["scene"]
@@ -111,18 +123,56 @@ def run(
     of_file = {name: value for name, value in file.run.items() if not given(name)}
     options = case.options | {"begin": begin} | of_file
     files = Outputs(out)
+    require(sensor is None or measured is not None, "--sensor", "come with --measured", sensor)
+    require(measured is None or not over, "--measured", "come without --over", str(measured))
+    rails = ensemble["rails"] if given("rails") else 1
+    further = [] if measured is None else [_over_record(case, options, measured, sensor, files, rails)]
     if over:
         return _compared(case, over, options | ensemble, files)
     if given("rails"):
         require(not given("starts"), "--starts", "come with --over", ensemble["starts"])
-        return _over_rails(case, options, ensemble, files)
+        return _over_rails(case, options, ensemble, files, further)
     for name in ensemble:
         require(not given(name), f"--{name}", "come with --over", ensemble[name])
-    return _single(case, options, files, {} if margin is None else {"margin": margin})
+    return _single(case, options, files, {} if margin is None else {"margin": margin}, further)
 
 
-def _single(case: Case, options: dict[str, object], files: Outputs, changes: dict[str, float]) -> int:
-    """Run once; write and print the run, its vibration environment and its loads.
+def _over_record(
+    case: Case, options: Mapping[str, Any], measured: Path, name: str | None, files: Outputs, rails: int
+) -> Further:
+    """Return the comparison with a record, checked as far as is possible before a long run."""
+    from ..fitting.telemetry import check_telemetry, telemetry
+
+    file = case.file
+    assert file is not None
+    sensors = {sensor.name: sensor for sensor in file.sensors}
+    path = click.get_current_context().params["scene"]
+    require(sensors, "FILE", "be a TOML file with tables [sensors.NAME]", path)
+    if name is None:
+        require(len(sensors) == 1, "--sensor", f"be one of {', '.join(sensors)}", shown="missing")
+        name = next(iter(sensors))
+    table = file.environment or {}
+    bands = {name: table[name] for name in ("low", "high", "quality", "window") if name in table}
+    asked = dict(measured=measured, sensor=sensors[one_of("--sensor", name, sensors)], **bands)
+    check_telemetry(case.scene, **asked, length=options["length"], begin=options["begin"], rails=rails)
+    return files.named("-telemetry"), telemetry, asked
+
+
+def _report(further: Sequence[Further], ran: "Result") -> None:
+    """Compute, write and print further results of runs."""
+    for files, ask, asked in further:
+        report = ask(ran, **asked)
+        said(files.write(report), *report.summary())
+
+
+def _single(
+    case: Case,
+    options: dict[str, object],
+    files: Outputs,
+    changes: dict[str, float],
+    further: list[Further],
+) -> int:
+    """Run once; write and print the run, its vibration environment, its loads, and further results.
 
     **Arguments:** `changes`: of the arguments of the environment.
     """
@@ -145,21 +195,19 @@ def _single(case: Case, options: dict[str, object], files: Outputs, changes: dic
         if asked is not None
     ]
     # a run that is repeated keeps its records
-    options.setdefault("record", _records(case, options))
+    options.setdefault("record", _records(case, options, bool(further)))
     with keeping(files.keep):
         ran = over_rail(case.scene, **options, probe=3, progress=True)
     _keep_units(ran, case)
     said(files.write(ran), case.text(start=_start(case)), *ran.summary())
     lost = is_lost(int(ran.status))
     # for a lost run only its status is printed
-    for further, ask, asked in [] if lost else reports:
-        report = ask(ran, **asked)
-        said(further.write(report), *report.summary())
+    _report([] if lost else [*reports, *further], ran)
     return LOST if lost else 0
 
 
-def _records(case: Case, options: Mapping[str, object]) -> list[object]:
-    """Return the records of a run, with those that the tables of the file need."""
+def _records(case: Case, options: Mapping[str, object], compared: bool) -> list[object]:
+    """Return the records of a run, with those that the tables of the file, or a comparison with a record, need."""
     from ..sweeps.windows import AccelerationHistory, LoadHistory, default_records
 
     file = case.file
@@ -167,15 +215,21 @@ def _records(case: Case, options: Mapping[str, object]) -> list[object]:
     sized = file.loads or {}
     samples = math.ceil(max(options.get("window", 1.0), 1.0) * AccelerationHistory.samples)
     records: list[object] = [*default_records(case.scene)]
-    if file.environment is not None or sized.get("cuts"):
+    if compared or file.environment is not None or sized.get("cuts"):
         records.append(AccelerationHistory(samples))
     if sized.get("means") or sized.get("cuts"):
         records.append(LoadHistory(samples))
     return records
 
 
-def _over_rails(case: Case, options: dict[str, object], ensemble: Mapping[str, Any], files: Outputs) -> int:
-    """Run over many rails; write and print the loads of each slipper, with their quantiles."""
+def _over_rails(
+    case: Case,
+    options: dict[str, object],
+    ensemble: Mapping[str, Any],
+    files: Outputs,
+    further: list[Further],
+) -> int:
+    """Run over many rails; write and print the loads of each slipper, with their quantiles, and further results."""
     from ..sweeps.compare import on_rails
     from ..sweeps.loads import check_loads, loads
     from ..sweeps.runs import run as over_rail
@@ -186,7 +240,7 @@ def _over_rails(case: Case, options: dict[str, object], ensemble: Mapping[str, A
     store = _store(ensemble, ensemble["rails"])
     scene, rails = on_rails(case.scene, ensemble["rails"])
     require(rails, "--rails", "be 2 or more", ensemble["rails"])
-    options.setdefault("record", _records(case, options))
+    options.setdefault("record", _records(case, options, bool(further)))
     with keeping(_kept(store), None if store is None else store.path):
         ran = over_rail(scene, rails, product=False, **options, store=store, progress=True)
     if _is_share(store):
@@ -194,7 +248,9 @@ def _over_rails(case: Case, options: dict[str, object], ensemble: Mapping[str, A
     report = loads(ran, over="case", **sized)
     _keep_units(report, case)
     said(files.write(report), case.text(start=_start(case)), *report.summary())
-    return LOST if is_lost(report["status"].values).all() else 0
+    lost = is_lost(report["status"].values).all()
+    _report([] if lost else further, ran)
+    return LOST if lost else 0
 
 
 def _store(ensemble: Mapping[str, Any], runs: int) -> "Store | None":

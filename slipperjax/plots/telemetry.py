@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 
 from ..model.quantities import Quantity
 from .environment import finish_spectrum, in_g
-from .style import Units, check_dataset, entitle, legend_above, line_color, page, shown_units
+from .style import Units, check_dataset, entitle, legend_above, line_color, page, set_log_ticks, shown_units
 
 SOURCE = "slipperjax.fitting.telemetry"
 DISTANCE = Quantity("distance", "m", "distance travelled")
@@ -93,5 +93,7 @@ def _draw(ax: Axes, sides: Sides) -> None:
         ax.set_ylim(bottom=0.0)
     else:
         finish_spectrum(ax, sides.places)
+    if sides.of.unit == "g" and ax.get_yscale() == "log":
+        set_log_ticks(ax.yaxis)
     ax.set_xlabel(f"{sides.at.long_name} [{sides.at.display_unit}]")
     ax.set_ylabel(f"{sides.of.text} [{sides.of.unit.replace('^2', '$^2$')}]")

@@ -24,24 +24,25 @@ def tables(ds: xr.Dataset, units: Units = None) -> dict[str, pd.DataFrame]:
 
 
 def _table(ds: xr.Dataset, sides: Sides) -> pd.DataFrame:
-    columns = {f"{sides.at.long_name} [{sides.at.display_unit}]": sides.places, "record": sides.record}
     shares = ds["quantile"].values
     names = [f"model {100 * share:g} %" for share in shares] if len(shares) > 1 else ["model"]
-    columns |= dict(zip(names, sides.model, strict=True))
-    with_units = {f"{name} [{sides.of.unit}]" if k else name: values for k, (name, values) in enumerate(columns.items())}
-    return pd.DataFrame(with_units | {"record over model [dB]": sides.ratio})
+    rows = zip(["record", *names], [sides.record, *sides.model], strict=True)
+    columns = {f"{sides.at.long_name} [{sides.at.display_unit}]": sides.places}
+    columns |= {f"{name} [{sides.of.unit}]": values for name, values in rows}
+    return pd.DataFrame(columns | {"record over model [dB]": sides.ratio})
 
 
 def summary(ds: xr.Dataset, units: Units = None) -> list[str]:
     """Return a record over the model as a text: RMS of both sides, a line for each comparison, and what was done."""
     call = json.loads(ds.attrs["call"])
     shown = in_g(ds)
+    record = three_digits(shown["measured_total_rms"])
     model = [three_digits(value) for value in shown["total_rms"].values]
     band = f" ({model[0]} to {model[-1]} g in {_band(ds)})" if len(model) > 1 else ""
     known = float(ds["known_to"].max())
     lines = [
-        f"{call['sensor']['name']}, {call['low']:g} to {known:.4g} Hz: RMS {three_digits(shown['measured_total_rms'])} "
-        f"g in the record, {model[len(model) // 2]} g in the model{band}, {float(ds['total_rms_ratio']):+.2f} dB"
+        f"{call['sensor']['name']}, {call['low']:g} to {known:.4g} Hz: RMS {record} g in the record, "
+        f"{model[len(model) // 2]} g in the model{band}, {float(ds['total_rms_ratio']):+.2f} dB"
     ]
     if known < 0.999 * float(ds["high"][-1]):
         lines.append(f"bands up to {call['high']:g} Hz need more steps and samples of the run")

@@ -9,7 +9,7 @@ import pytest
 import slipperjax as sj
 from slipperjax.analysis.environment import band_rms
 from slipperjax.sweeps import AccelerationHistory
-from slipperjax.sweeps.environment import DIRECTIONS, histories_of, accelerations_at
+from slipperjax.sweeps.environment import DIRECTIONS, accelerations_at, histories_of
 from slipperjax.sweeps.windows import BANDS
 
 from ..common import sled_on
