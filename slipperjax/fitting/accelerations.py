@@ -87,7 +87,8 @@ def _columns(file: str | os.PathLike[str], sensor: Sensor) -> dict[str, np.ndarr
     wanted = {"time": "s", "acceleration": sensor.unit, "distance": "m", "speed": "m/s"}
     others = {"t": "time", "seconds": "time", "velocity": "speed", "v": "speed"}
     others |= dict.fromkeys(("a", sensor.name.lower()), "acceleration")
-    table = Table(path, content_of(path), wanted, ALIASES | others, holes=True)
+    others |= {name: column for name, column in ALIASES.items() if column in wanted}
+    table = Table(path, content_of(path), wanted, others, holes=True)
     if "acceleration" not in table.columns:
         table.fault(f"must have a column `{sensor.name}` or `acceleration`")
     if "time" in table.columns:

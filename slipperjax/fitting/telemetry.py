@@ -139,8 +139,8 @@ def telemetry(
     density = np.ma.masked_invalid(densities).mean(axis=1).filled(np.nan)
     acceleration = "m/s^2"
     data = {
-        **_compared("density", ("frequency",), density, "m^2/s^4/Hz", 10, "power spectral density"),
-        **_compared(
+        **compared("density", ("frequency",), density, "m^2/s^4/Hz", 10, "power spectral density"),
+        **compared(
             "shock_response",
             ("natural_frequency",),
             shock,
@@ -148,8 +148,8 @@ def telemetry(
             20,
             "greatest acceleration of an oscillator",
         ),
-        **_compared("rms", ("distance",), band_rms(densities, edges), acceleration, 20, "RMS in the bands"),
-        **_compared("total_rms", (), band_rms(density, edges), acceleration, 20, "RMS in the bands of all windows"),
+        **compared("rms", ("distance",), band_rms(densities, edges), acceleration, 20, "RMS in the bands"),
+        **compared("total_rms", (), band_rms(density, edges), acceleration, 20, "RMS in the bands of all windows"),
         "known_to": column("distance", known_to, "Hz", "highest frequency of the bands"),
     }
     coords = {
@@ -224,15 +224,15 @@ def _readings(sensor: Sensor, signals: jax.Array, time: jax.Array) -> jax.Array:
 
 
 def _of_record(record: Record, high: float) -> Side:
-    """Return a record, which is straight across its gaps; only low frequencies are reliable there."""
+    """Return a record, with its mean in its gaps, where only low frequencies are reliable."""
     gaps = np.diff(record.time)
     typical = np.median(gaps)
-    # a spline across a gap would swing far out
+    # a spline across a gap would swing far out, and a line between two samples would be a pulse
     parts = np.where(gaps > 2 * typical, np.ceil(gaps / typical), 1).astype(int)
     before = np.repeat(np.arange(len(gaps)), parts)
     within = np.arange(len(before)) - np.repeat(np.cumsum(parts) - parts, parts)
     time = np.append(record.time[before] + gaps[before] * within / parts[before], record.time[-1])
-    values = np.interp(time, record.time, record.value)[None]
+    values = np.append(np.where(within, record.value.mean(), record.value[before]), record.value[-1])[None]
     time, values, highest = _at_equal_times(time, values, high, np.append(0.25 / gaps[before], np.inf))
     return Side(time, _filtered(values), highest)
 
@@ -279,7 +279,7 @@ def _shares(rails: int) -> tuple[float, ...]:
     return BAND if rails > 1 else (0.5,)
 
 
-def _compared(
+def compared(
     name: str, dims: tuple[str, ...], values: np.ndarray, unit: str, decibels: int, text: str
 ) -> dict[str, object]:
     """Return variables that compare the record, in the first row of `values`, with the model, in a row for each rail.
@@ -290,7 +290,9 @@ def _compared(
     shares = _shares(len(model))
     # by this method a share of one more rail is expected below each quantile
     found = np.quantile(model, shares, axis=0, method="weibull")
-    ratio = decibels * np.log10(record / found[len(shares) // 2])
+    # a model without any motion, such as that of the centre along x, gives no ratio
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = decibels * np.log10(record / found[len(shares) // 2])
     data = {
         f"measured_{name}": column(dims, record, unit, f"{text}, record"),
         name: column(("quantile", *dims), found, unit, f"{text}, model"),

@@ -86,7 +86,7 @@ def _draw(ax: Axes, sides: Sides) -> None:
     middle = sides.model[len(sides.model) // 2]
     if len(sides.model) > 1:
         ends = sides.model[[0, -1]]
-        ax.fill_between(sides.places, *ends, color=line_color(0), alpha=0.2, lw=0, label="5 to 95 % of rails")
+        ax.fill_between(sides.places, *ends, color=line_color(0), alpha=0.2, lw=0, label="5 to 95 %")
     ax.plot(sides.places, middle, color=line_color(0), lw=1.0, label="model")
     ax.plot(sides.places, sides.record, color=line_color(1), lw=1.0, label="record")
     if sides.of.along == "distance":
