@@ -1,5 +1,6 @@
 """The picture of a record over the model, in g as in test reports."""
 
+import json
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -77,8 +78,9 @@ def record_over_model(report: xr.Dataset, units: Units = None) -> np.ndarray:
         for ax, (_, sides) in zip(axes, sides_of(report, units), strict=True):
             _draw(ax, sides)
         legend_above(axes[0])
-        rails = len(report["quantile"]) > 1
-        entitle(axes[0].figure, f"{report.attrs['rails']} rails" if rails else "")
+        rails = report.attrs["rails"]
+        of_model = f"model on {rails} rails: median, and 5 to 95 % shaded" if rails > 1 else "model on one rail"
+        entitle(axes[0].figure, f"sensor {json.loads(report.attrs['call'])['sensor']['name']}, {of_model}")
     return axes
 
 
@@ -86,7 +88,7 @@ def _draw(ax: Axes, sides: Sides) -> None:
     middle = sides.model[len(sides.model) // 2]
     if len(sides.model) > 1:
         ends = sides.model[[0, -1]]
-        ax.fill_between(sides.places, *ends, color=line_color(0), alpha=0.2, lw=0, label="5 to 95 %")
+        ax.fill_between(sides.places, *ends, color=line_color(0), alpha=0.2, lw=0)
     ax.plot(sides.places, middle, color=line_color(0), lw=1.0, label="model")
     ax.plot(sides.places, sides.record, color=line_color(1), lw=1.0, label="record")
     if sides.of.along == "distance":
