@@ -130,28 +130,10 @@ def telemetry(
     rate = LEAST_RATE * edges[-1]
     size = window_size(min(len(side.time) for side in sides), rate, edges, window)
     densities, middles = _densities(*sides, when, edges, size)
-    resolved = np.isfinite(densities[0])
     need = f"overlap with the run for longer, because windows of {size / rate:.3g} s resolve no band"
-    require(resolved.any(), "measured", need, shown=f"there for {np.ptp(model.time):.3g} s")
-    known_to = np.max(np.where(resolved, edges[1:], 0.0), axis=-1)
-    shock = [shock_response_spectrum(side.values, rate, edges, quality=quality) for side in sides]
-    shock = np.where(edges <= known_to.max(), np.concatenate(shock), np.nan)
-    density = np.ma.masked_invalid(densities).mean(axis=1).filled(np.nan)
-    acceleration = "m/s^2"
-    data = {
-        **compared("density", ("frequency",), density, "m^2/s^4/Hz", 10, "power spectral density"),
-        **compared(
-            "shock_response",
-            ("natural_frequency",),
-            shock,
-            acceleration,
-            20,
-            "greatest acceleration of an oscillator",
-        ),
-        **compared("rms", ("distance",), band_rms(densities, edges), acceleration, 20, "RMS in the bands"),
-        **compared("total_rms", (), band_rms(density, edges), acceleration, 20, "RMS in the bands of all windows"),
-        "known_to": column("distance", known_to, "Hz", "highest frequency of the bands"),
-    }
+    require(np.isfinite(densities[0]).any(), "measured", need, shown=f"there for {np.ptp(model.time):.3g} s")
+    shock = np.concatenate([shock_response_spectrum(side.values, rate, edges, quality=quality) for side in sides])
+    data = _variables(densities, shock, edges)
     coords = {
         "frequency": column("frequency", np.sqrt(edges[1:] * edges[:-1]), "Hz", "middle of a band"),
         "low": ("frequency", edges[:-1]),
@@ -167,6 +149,21 @@ def telemetry(
     call = json.dumps(describe(dict(function="telemetry", **asked)))
     done = {"rate [Hz]": rate, "cutoff [Hz]": CUTOFF * edges[-1], "window of densities [s]": size / rate}
     return Result(xr.Dataset(data, coords, kept | done | {"rails": rails, "call": call}))
+
+
+def _variables(densities: np.ndarray, shock: np.ndarray, edges: np.ndarray) -> dict[str, object]:
+    """Return the variables of `telemetry`; arguments as of `_densities`, and shock responses (sides, edges) [m/s^2]."""
+    known_to = np.max(np.where(np.isfinite(densities[0]), edges[1:], 0.0), axis=-1)
+    shock = np.where(edges <= known_to.max(), shock, np.nan)
+    density = np.ma.masked_invalid(densities).mean(axis=1).filled(np.nan)
+    unit, natural = "m/s^2", ("natural_frequency",)
+    return {
+        **compared("density", ("frequency",), density, "m^2/s^4/Hz", 10, "power spectral density"),
+        **compared("shock_response", natural, shock, unit, 20, "greatest acceleration of an oscillator"),
+        **compared("rms", ("distance",), band_rms(densities, edges), unit, 20, "RMS in the bands"),
+        **compared("total_rms", (), band_rms(density, edges), unit, 20, "RMS in the bands of all windows"),
+        "known_to": column("distance", known_to, "Hz", "highest frequency of the bands"),
+    }
 
 
 def check_telemetry(
@@ -215,12 +212,16 @@ def _of_model(
     # one rail after the other, because the accelerations along all axes need much memory
     signals = np.concatenate([axis @ accelerations_at(scene, one[None], place)[0] for one in histories])
     time, values, highest = _at_equal_times(seconds, signals, high, highest)
-    return Side(time, _filtered(np.asarray(_readings(sensor, values, time))), highest)
+    # a delayed reading needs the signal from before
+    since = time - float(sensor.delay)
+    known = (since >= time[0]) & (since <= time[-1])
+    read = np.asarray(_readings(sensor, values, time, time[known]))
+    return Side(time[known], _filtered(read), highest[known])
 
 
 @jit
-def _readings(sensor: Sensor, signals: jax.Array, time: jax.Array) -> jax.Array:
-    return jax.vmap(lambda signal: sensor.reading(signal, time, time))(signals)
+def _readings(sensor: Sensor, signals: jax.Array, time: jax.Array, at: jax.Array) -> jax.Array:
+    return jax.vmap(lambda signal: sensor.reading(signal, time, at))(signals)
 
 
 def _of_record(record: Record, high: float) -> Side:

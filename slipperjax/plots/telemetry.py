@@ -31,7 +31,7 @@ class Compared(NamedTuple):
 COMPARED = {
     "bands": Compared("density", "power spectral density", "g^2/Hz", "frequency"),
     "frequencies": Compared("shock_response", "shock response", "g", "natural_frequency"),
-    "windows": Compared("rms", "RMS in the bands", "g", "distance"),
+    "windows": Compared("rms", "RMS in windows", "g", "distance"),
 }
 """What is compared, by panel and table."""
 

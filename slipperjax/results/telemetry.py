@@ -1,7 +1,6 @@
 """Texts and tables of records over the model, in g as in test reports."""
 
 import json
-from collections.abc import Iterator
 
 import numpy as np
 import pandas as pd
@@ -36,22 +35,23 @@ def summary(ds: xr.Dataset, units: Units = None) -> list[str]:
     """Return a record over the model as a text: RMS of both sides, a line for each comparison, and what was done."""
     call = json.loads(ds.attrs["call"])
     shown = in_g(ds)
-    record = three_digits(shown["measured_total_rms"])
-    model = [three_digits(value) for value in shown["total_rms"].values]
-    band = f" ({model[0]} to {model[-1]} g in {_band(ds)})" if len(model) > 1 else ""
+    model = [f"{three_digits(value)} g" for value in shown["total_rms"].values]
+    several = len(model) > 1
+    over = f"{ds.attrs['rails']} rails (5 to 95 %)" if several else "one run"
+    band = f" ({model[0]} to {model[-1]})" if several else ""
     known = float(ds["known_to"].max())
     lines = [
-        f"{call['sensor']['name']}, {call['low']:g} to {known:.4g} Hz: RMS {record} g in the record, "
-        f"{model[len(model) // 2]} g in the model{band}, {float(ds['total_rms_ratio']):+.2f} dB"
+        f"record at {call['sensor']['name']} over {over}, {call['low']:g} to {known:.4g} Hz",
+        f"RMS: record {three_digits(shown['measured_total_rms'])} g, model {model[len(model) // 2]}{band}, "
+        f"{float(ds['total_rms_ratio']):+.2f} dB",
+        *(_compared(ds, name, sides) for name, sides in sides_of(ds, units)),
+        f"both sides alike: {ds.attrs['rate [Hz]']:g} Hz, low-pass {ds.attrs['cutoff [Hz]']:g} Hz, line removed, "
+        f"{ds.sizes['distance']} Hann windows of {ds.attrs['window of densities [s]']:.3g} s, "
+        f"Q = {call['quality']:g}",
     ]
     if known < 0.999 * float(ds["high"][-1]):
         lines.append(f"bands up to {call['high']:g} Hz need more steps and samples of the run")
-    lines += [_compared(ds, name, sides) for name, sides in sides_of(ds, units)]
-    return [*lines, *_stated(ds)]
-
-
-def _band(ds: xr.Dataset) -> str:
-    return f"5 to 95 % of {ds.attrs['rails']} rails"
+    return lines
 
 
 def _compared(ds: xr.Dataset, name: str, sides: Sides) -> str:
@@ -64,9 +64,7 @@ def _compared(ds: xr.Dataset, name: str, sides: Sides) -> str:
     place = f"{three_digits(sides.places[known][k])} {sides.at.display_unit}"
     text = f"{sides.of.text}: {ratio.min():+.2f} to {ratio.max():+.2f} dB, farthest at {place}"
     inside = f"{sides.of.name}_inside"
-    if inside not in ds:
-        return text
-    return f"{text}; {100 * float(ds[inside]):.0f} % of {known.sum()} {name} inside {_band(ds)}"
+    return f"{text}; {100 * float(ds[inside]):.0f} % of {known.sum()} {name} inside" if inside in ds else text
 
 
 def report(ds: xr.Dataset, units: Units = None) -> list[str]:
@@ -75,13 +73,3 @@ def report(ds: xr.Dataset, units: Units = None) -> list[str]:
     for name, table in tables(ds, units).items():
         lines += ["", name.capitalize(), "", *table.to_string(index=False, float_format="{:.4g}".format).splitlines()]
     return lines
-
-
-def _stated(ds: xr.Dataset) -> Iterator[str]:
-    """Yield texts on what was done to both sides."""
-    quality = json.loads(ds.attrs["call"])["quality"]
-    yield (
-        f"both sides: {ds.attrs['rate [Hz]']:g} samples a second, low-pass {ds.attrs['cutoff [Hz]']:g} Hz, straight "
-        f"line subtracted, {ds.sizes['distance']} Hann windows of {ds.attrs['window of densities [s]']:.3g} s, "
-        f"Q = {quality:g}"
-    )

@@ -356,7 +356,7 @@ def test_a_record_is_laid_over_the_run(file, record, tmp_path, capsys):
         names(tmp_path)
     )
     # a sine of 5 g
-    assert numbers(text, r"\nbox, 40 to .* Hz: RMS (..) g in the record") == pytest.approx([5 / 2**0.5], rel=0.01)
+    assert numbers(text, r"\nRMS: record (..) g, model") == pytest.approx([5 / 2**0.5], rel=0.01)
     report = sj.load(tmp_path / "a-telemetry.nc")
     again = telemetry(sj.load(tmp_path / "a.nc"), record, report.call["sensor"], low=40.0, high=200.0)
     np.testing.assert_array_equal(report["density"], again["density"])

@@ -87,25 +87,27 @@ def test_a_sine_has_its_rms_density_and_shock_response():
     # 300 Hz is the middle of a band of a third of an octave or less, much wider than the lobe of a window of 1 s
     low = 300.0 * 2 ** (-19 / 12)
     found = telemetry(run, record, BOX, low=low, high=low * 8, window=1.0)
+    # measured 3e-4, of the ripple of the low-pass before samples are left out; 7e-4 of densities
     np.testing.assert_allclose(found["measured_rms"], amplitude / np.sqrt(2), rtol=1e-3)
     np.testing.assert_allclose(found["measured_total_rms"], amplitude / np.sqrt(2), rtol=1e-3)
     band = found["density"].isel(quantile=0).argmax("frequency").item()
     width = float(found["high"][band] - found["low"][band])
-    np.testing.assert_allclose(found["measured_density"][band], amplitude**2 / 2 / width, rtol=1e-3)
+    np.testing.assert_allclose(found["measured_density"][band], amplitude**2 / 2 / width, rtol=2e-3)
     # SciPy's densities of the record itself, in the same band
     frequency, density = scipy.signal.welch(record["box"].values, RATE, nperseg=int(RATE))
     inside = (frequency >= float(found["low"][band])) & (frequency < float(found["high"][band]))
-    np.testing.assert_allclose(found["measured_density"][band], density[inside].sum() / width, rtol=1e-3)
+    np.testing.assert_allclose(found["measured_density"][band], density[inside].sum() / width, rtol=2e-3)
     # the model has the other amplitude
     wanted = 20 * np.log10(amplitude / 30.0)
     for name in ("rms", "total_rms", "density", "shock_response"):
         ratio = found[f"{name}_ratio"].values if name != "density" else found["density_ratio"].values[band]
-        np.testing.assert_allclose(ratio, wanted, atol=1e-6)  # measured 1e-13
+        np.testing.assert_allclose(ratio, wanted, atol=1e-9)  # measured 1e-12
     # an edge of bands is 300 Hz: |H| = sqrt(Q^2 + 1) at resonance
     found = telemetry(run, record, BOX, low=150.0, high=1200.0, quality=20.0)
     at = int(np.argmin(abs(found["natural_frequency"].values - 300.0)))
     assert float(found["natural_frequency"][at]) == pytest.approx(300.0)
-    np.testing.assert_allclose(found["measured_shock_response"][at], amplitude * np.sqrt(401.0), rtol=0.01)
+    # measured 7e-4
+    np.testing.assert_allclose(found["measured_shock_response"][at], amplitude * np.sqrt(401.0), rtol=3e-3)
 
 
 @pytest.mark.full
@@ -126,9 +128,9 @@ def test_units_names_and_rates_of_a_record_do_not_matter(table):
     ):
         other = telemetry(run, file, BOX, **BANDS)
         for name in COMPARED:
-            assert abs(own[f"{name}_ratio"]).max() < 1e-9  # measured 0
-            # measured 0.02 dB, of windows half a sample apart and of the last sample
-            assert abs(other[f"{name}_ratio"]).max() < 0.1, name
+            assert abs(own[f"{name}_ratio"]).max() < 1e-9  # measured 3e-13
+            # measured 0.012 dB
+            assert abs(other[f"{name}_ratio"]).max() < 0.05, name
     in_g = telemetry(run, dataset(signal(TIME) / STANDARD_GRAVITY, unit="standard_gravity"), BOX, **BANDS)
     np.testing.assert_allclose(in_g["measured_rms"], own["measured_rms"], rtol=1e-12)
 
@@ -141,30 +143,28 @@ def test_distance_and_speed_find_the_place_of_a_record(table):
     run = made(signal[None])
     by_distance = table(time=TIME + 0.3, value=signal, distance=SPEED * TIME / 0.3048)
     found = telemetry(run, by_distance, BOX, **BANDS)
-    assert abs(found["rms_ratio"]).max() < 0.01  # measured 1e-3 dB
+    assert abs(found["rms_ratio"]).max() < 1e-6  # measured 4e-13 dB
     # by speed the place is that of its time; the second half is the run's first half
     by_speed = table(time=TIME + 0.3, value=signal, speed=np.full(len(TIME), SPEED))
     found = telemetry(run, by_speed, BOX, **BANDS)
     by_time = telemetry(run, table(time=TIME + 0.3, value=signal), BOX, **BANDS)
     middle = found["distance"].values
     wanted = 20 * np.log10(loud(middle - 0.3 * SPEED) / loud(middle))
-    np.testing.assert_allclose(found["rms_ratio"], wanted, atol=0.02)  # measured 2e-3 dB
-    np.testing.assert_allclose(by_time["rms_ratio"], wanted, atol=0.02)
+    np.testing.assert_allclose(found["rms_ratio"], wanted, atol=3e-3)  # measured 3e-4 dB
+    np.testing.assert_allclose(by_time["rms_ratio"], wanted, atol=3e-3)
     # half as fast: windows of the same time in the middle of the same places
     slow = np.arange(0, 4.0, 1 / RATE)
     half = table(time=slow, value=sine(slow) * loud(SPEED * slow / 2), distance=SPEED * slow / 2 / 0.3048)
     found = telemetry(run, half, BOX, **BANDS)
-    # measured 0.02 dB, of a loudness that changes half as much within a window
-    np.testing.assert_allclose(found["rms_ratio"], 0.0, atol=0.1)
+    np.testing.assert_allclose(found["rms_ratio"], 0.0, atol=5e-3)  # measured 4e-4 dB
 
 
 def test_the_band_holds_nine_of_ten_records():
-    """Of numbers of one more rail, with the fewest rails and with more; with any quantile method that interpolates
-    between the lowest and the highest rail, 32 rails would hold 0.87."""
+    """Of numbers of one more rail; by NumPy's default quantiles it would be 0.85 with 32 rails."""
     rng = np.random.default_rng(3)
     for rails in (19, 32, 100):
         found = compared("rms", ("distance",), rng.lognormal(size=(rails + 1, 20_000)), "m/s^2", 20, "RMS")
-        # measured 0.8986, 0.9001 and 0.8992; the standard error is 0.002
+        # measured 0.902, 0.907 and 0.899; the standard error is 0.003
         assert found["rms_inside"][1] == pytest.approx(0.9, abs=0.01)
 
 
@@ -184,8 +184,9 @@ def test_a_record_of_one_more_rail_is_inside_the_band():
     loud = telemetry(run, dataset(4 * signals[-1], TIME[:half]), BOX, **BANDS)
     assert float(loud["rms_inside"]) < 0.2
     assert loud["rms"].sizes["quantile"] == 3
-    (line,) = [line for line in loud.summary() if line.startswith("RMS in the bands")]
-    assert re.search(r"; \d+ % of \d+ windows inside 5 to 95 % of 32 rails$", line)
+    (line,) = [line for line in loud.summary() if line.startswith("RMS in windows")]
+    assert re.search(r"; \d+ % of \d+ windows inside$", line)
+    assert loud.summary()[0] == "record at box over 32 rails (5 to 95 %), 100 to 1000 Hz"
 
 
 @pytest.mark.full
@@ -199,23 +200,23 @@ def test_a_gap_of_a_record_is_left_out_of_its_windows():
     near = abs(seconds - 0.51) < 0.01 + float(holed.attrs["window of densities [s]"]) / 2
     assert 0 < near.sum() < len(near)
     np.testing.assert_array_equal(np.isnan(holed["rms_ratio"]), near)
-    # a spline across the gap would swing
+    # a spline across the gap would swing; measured 0.03
     np.testing.assert_allclose(holed["measured_shock_response"], whole["measured_shock_response"], rtol=0.1)
-    assert abs(holed["rms_ratio"]).max() < 0.01  # measured 0.001 dB
+    assert abs(holed["rms_ratio"]).max() < 1e-6  # measured 6e-8 dB
 
 
 @pytest.mark.full
 def test_a_gain_and_a_slow_run_are_known(tmp_path):
     run = made(sine(TIME)[None], steps=24)
     sensor = dataclasses.replace(BOX, gain=1.25, bias=3.0, delay=1e-3)
-    found = telemetry(run, dataset(1.25 * sine(TIME) + 7.0), sensor, **BANDS)
-    np.testing.assert_allclose(found["rms_ratio"], 0.0, atol=0.01)
+    found = telemetry(run, dataset(1.25 * sine(TIME - 1e-3) + 7.0), sensor, **BANDS)
+    np.testing.assert_allclose(found["rms_ratio"], 0.0, atol=1e-5)  # measured 6e-8
     # 24 steps a metre suffice for 600 Hz
     assert 500.0 < float(found["known_to"].max()) <= 600.0
     assert np.isnan(found["shock_response"].sel(natural_frequency=slice(610.0, None))).all()
     summary = found.summary()
     assert "bands up to 1000 Hz need more steps and samples of the run" in summary
-    assert summary[-1].startswith("both sides: 20000 samples a second, low-pass 2000 Hz, straight line subtracted")
+    assert summary[-2].startswith("both sides alike: 20000 Hz, low-pass 2000 Hz, line removed")
     found.write(tmp_path / "a.pdf", tmp_path / "a.csv", tmp_path / "a.nc", tmp_path / "a.png")
     assert {path.name for path in tmp_path.iterdir()} == {
         *("a.pdf", "a.csv", "a_frequencies.csv", "a_windows.csv", "a.nc", "a.png")
@@ -243,10 +244,8 @@ def test_a_record_of_the_model_s_own_motion_lies_on_the_line():
     record = synthetic_record(motion, [sensor], rate=25e3)
     found = telemetry(run, record, sensor, low=200.0, high=1000.0)
     worst = {name: float(abs(found[f"{name}_ratio"]).max()) for name in COMPARED}
-    print("OWN", worst, found.summary())
-    assert worst["rms"] < 0.1, worst
-    assert worst["density"] < 0.3, worst
-    assert worst["shock_response"] < 0.3, worst
+    # measured 8e-5, 2e-4 and 8e-4 dB
+    assert max(worst.values()) < 0.01, worst
 
 
 @pytest.mark.parametrize(
