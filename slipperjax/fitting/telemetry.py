@@ -152,7 +152,7 @@ def telemetry(
 
 
 def _variables(densities: np.ndarray, shock: np.ndarray, edges: np.ndarray) -> dict[str, object]:
-    """Return the variables of `telemetry`; arguments as of `_densities`, and shock responses (sides, edges) [m/s^2]."""
+    """Return the variables of `telemetry`; arguments: densities and shock responses, the record's first."""
     known_to = np.max(np.where(np.isfinite(densities[0]), edges[1:], 0.0), axis=-1)
     shock = np.where(edges <= known_to.max(), shock, np.nan)
     density = np.ma.masked_invalid(densities).mean(axis=1).filled(np.nan)
