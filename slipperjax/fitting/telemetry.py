@@ -27,8 +27,7 @@ from ..model.scene import Scene
 from ..model.sensors import Sensor
 from ..orbits.simulate import beginning_of
 from ..results.result import Result
-from ..sweeps.environment import LEAST_RATE, RELIABLE, accelerations_at, histories_of
-from ..sweeps.windows import AccelerationHistory
+from ..sweeps.environment import LEAST_RATE, RELIABLE, accelerations_at, histories_of, with_histories
 from ..tools.checks import instance, number, positive, require
 from ..tools.columns import column
 from ..tools.compile import jit
@@ -104,12 +103,8 @@ def telemetry(
     **Raises:** `ValueError` for another sensor, faults of the file, a record that is sampled too slowly or does not
     overlap with the runs, and for 2 to 18 rails.
     """
-    several = [runs] if isinstance(runs, Result | xr.Dataset) else runs
-    given = [getattr(one, "ds", one) for one in several]
-    name = AccelerationHistory.quantity.name
-    known = given and all(isinstance(ds, xr.Dataset) and name in ds for ds in given)
-    require(known, "runs", f'be results of slipperjax.run with the record "{name}"', shown="others")
-    histories, seconds, steps = histories_of(given, name)
+    given = with_histories(runs)
+    histories, seconds, steps = histories_of(given)
     rails = len(histories)
     edges = _check(sensor, rails, low, high, quality, window)
     first = given[0]

@@ -74,8 +74,9 @@ def record_over_model(report: xr.Dataset, units: Units = None) -> np.ndarray:
 
     **Raises:** `ValueError` for another dataset.
     """
+    every = [sides for _, sides in sides_of(report, units)]
     with page(1, 3, 2.6, report, full=False) as axes:
-        for ax, (_, sides) in zip(axes, sides_of(report, units), strict=True):
+        for ax, sides in zip(axes, every, strict=True):
             _draw(ax, sides)
         legend_above(axes[0])
         rails = report.attrs["rails"]

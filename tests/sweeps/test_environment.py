@@ -31,7 +31,7 @@ def in_the_air(speed=100.0, **parts):
 
 def at_place(ds, place=PLACE):
     """Gives the times of samples [s] and accelerations of a place [m/s^2], (directions, samples)."""
-    histories, seconds, _ = histories_of([ds], "body_acceleration")
+    histories, seconds, _ = histories_of([ds])
     return seconds, accelerations_at(sj.load(ds).scene, histories, np.array([place]))[0, 0]
 
 
