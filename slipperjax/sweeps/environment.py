@@ -117,7 +117,7 @@ def with_histories(runs: Result | xr.Dataset | Sequence[Result | xr.Dataset]) ->
     """Return the datasets of one run or several, which must have accelerations."""
     need = f'results of slipperjax.run with the record "{HISTORY}"'
     several = (runs,) if isinstance(runs, Result | xr.Dataset) else tuple_of("runs", runs, (Result, xr.Dataset), need)
-    given = tuple(getattr(one, "ds", one) for one in several)
+    given = tuple(one.ds if isinstance(one, Result) else one for one in several)
     require(given, "runs", "be one run or more", runs)
     for one in given:
         require(HISTORY in one, "runs", f"be {need}", shown="others")
