@@ -104,6 +104,7 @@ NOT_ASKED = {
     "fit": ["measured", "solver"],
     "passing": ["branch"],
     "event_margins": ["cases", "design"],
+    "telemetry": ["measured"],
     # "is no parameter; the names are ..."
     "continue_orbit": ["name"],
     "parameter": ["name"],

@@ -120,10 +120,8 @@ def window_densities(
     if highest is not None:
         highest = numbers("highest", highest, 1, "Hz")
         require(highest.shape == x.shape[-1:], "highest", f"have shape {x.shape[-1:]}", shown=str(highest.shape))
-    duration = 1 / widths.min() if window is None else number(positive, "window", window, "s")
-    size = min(max(math.ceil(duration * rate * (1 - _ROUNDING)), 8), x.shape[-1])
-    hops = math.ceil((x.shape[-1] - size) / (size / 2))
-    starts = np.rint(np.linspace(0, x.shape[-1] - size, hops + 1)).astype(int)
+    size = window_size(x.shape[-1], rate, edges, window)
+    starts = window_starts(x.shape[-1], size)
     resolved = (widths >= rate / size * (1 - _ROUNDING)) & (edges[1:] <= rate / 2 * (1 + _ROUNDING))
     densities = []
     for start in starts:
@@ -133,6 +131,18 @@ def window_densities(
         good = resolved if highest is None else resolved & (edges[1:] <= highest[part].min() * (1 + _ROUNDING))
         densities.append(np.where(good, _band_means(*spectrum, edges, rate), np.nan))
     return (starts + (size - 1) / 2) / rate, np.stack(densities, axis=-2)
+
+
+def window_size(samples: int, rate: float, edges: np.ndarray, window: float | None = None) -> int:
+    """Return the number of samples in a window of densities; arguments as of `window_densities`."""
+    duration = 1 / np.diff(edges).min() if window is None else number(positive, "window", window, "s")
+    return min(max(math.ceil(duration * rate * (1 - _ROUNDING)), 8), samples)
+
+
+def window_starts(samples: int, size: int) -> np.ndarray:
+    """Return the first sample of each window of `size` samples; windows overlap by half or slightly more."""
+    hops = math.ceil((samples - size) / (size / 2))
+    return np.rint(np.linspace(0, samples - size, hops + 1)).astype(int)
 
 
 def _band_means(frequency: np.ndarray, density: np.ndarray, edges: np.ndarray, rate: float) -> np.ndarray:
@@ -323,6 +333,24 @@ def resample(time: Numbers, samples: Numbers, rate: float) -> np.ndarray:
     return course if multiple == 1 else scipy.signal.resample_poly(course, 1, multiple, axis=-1, padtype="line")
 
 
+def resample_reliably(
+    time: np.ndarray, samples: np.ndarray, rate: float, highest: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return samples at `rate`, as `resample`, and the frequency up to which each of them is reliable [Hz].
+
+    This is a quarter of the local sampling rate, so that samples in a gap are reliable only at low frequencies.
+
+    **Arguments:** as for `resample`; `highest`: frequency up to which each given sample is reliable otherwise [Hz].
+    """
+    x = resample(time, samples, rate)
+    reliable = 0.25 / np.diff(time)
+    if highest is not None:
+        reliable = np.minimum(reliable, highest[:-1])
+    # new samples are as reliable as the interval that contains them
+    new = time[0] + np.arange(x.shape[-1]) / rate
+    return x, reliable[np.searchsorted(time[1:-1], new, side="right")]
+
+
 def vibration_environment(
     acceleration: Numbers,
     rate: float,
@@ -352,14 +380,7 @@ def vibration_environment(
     edges = band_edges() if edges is None else numbers("edges", edges, 1, "Hz").astype(float)
     highest = None if highest is None else numbers("highest", highest, 1, "Hz").astype(float)
     if time is not None:
-        time = numbers("time", time, 1, "s").astype(float)
-        x = resample(time, x, rate)
-        reliable = 0.25 / np.diff(time)
-        if highest is not None:
-            reliable = np.minimum(reliable, highest[:-1])
-        # new samples are as reliable as the interval that contains them
-        new = time[0] + np.arange(x.shape[-1]) / rate
-        highest = reliable[np.searchsorted(time[1:-1], new, side="right")]
+        x, highest = resample_reliably(numbers("time", time, 1, "s").astype(float), x, rate, highest)
     middles, windows = window_densities(x, rate, edges, window=window, highest=highest)
     density = np.ma.masked_invalid(windows).mean(axis=-2).filled(np.nan)
     # the whole record as one window, without a taper

@@ -21,6 +21,7 @@ from ..model.scene import Scene
 from ..model.scene_files import EnvironmentTable, LoadsTable, RunTable, scene_from_toml
 from ..model.scene_text import Table, table_of, toml_lines
 from ..model.section import Section
+from ..model.sensors import Sensor
 from ..model.sled import Mount, Sled
 from ..model.slipper import Slipper
 from ..model.surveys import JOINTS, SurveyedRails, SurveyedTrack, load_speed
@@ -49,6 +50,15 @@ TEXTS = {
     "inertia": "About x, y and z [kg m^2], ESTIMATED: those of a box around the section, or the slippers of a sled.",
 }
 """Remarks on values of the file that are no fields of the scene, or estimated."""
+RECORD = """\
+# Readings of the sensor box in {scene}: replace these rows, and lay the record over the model by
+#     slipperjax run {scene} --measured {record}
+# Time is zero where the run begins. Further columns may be distance [m] along the rail, or speed [m/s].
+time [s], box [g]
+0.0000, 0.0
+0.0001, 0.0
+"""
+"""Template of a measured record."""
 
 
 def _number(name: str, default: float | None, text: str) -> Adds:
@@ -131,7 +141,8 @@ METRES = Measure(Quantity("mount", "m", "place on the sled"))
 @_measure("drag-area", "m^2", "drag coefficient times area")
 @option("--load", FILE, "Table of loads: columns time, distance or speed, and thrust, force_z, ...")
 @_measure("travel", "m", "length of the run; default: as far as the tables of rail and speed go")
-@flag("--force", "Replace an existing file.")
+@option("--record", FILE, "Also write a template of a measured record to this file, and its sensor into the scene.")
+@flag("--force", "Replace existing files.")
 def new(
     file: Path,
     section: Path | None,
@@ -144,6 +155,7 @@ def new(
     down: float | None,
     drag_area: float | None,
     load: Path | None,
+    record: Path | None,
     force: bool,
     speed: str,
     end_speed: float | None,
@@ -159,8 +171,9 @@ def new(
     with `slipperjax run FILE`.
     """
     require(file.suffix.lower() == ".toml", "file", "end with .toml", shown=str(file))
-    if file.exists() and not force:
-        raise ValueError(f"{file} is there already: name another one, or replace it by --force.")
+    for path in filter(None, [file, record]):
+        if path.exists() and not force:
+            raise ValueError(f"{path} is there already: name another one, or replace it by --force.")
     is_sled = sled or bool(mount)
     places = np.array(mount or (SLED if sled else [[0.0, 0.0, 0.0]]))
     if numbers["mass"] is None:
@@ -194,6 +207,9 @@ def new(
         loads.append(Table(TabulatedLoad, of_file, {"file": TEXTS["loads"]}))
     if loads:
         tables["load"] = loads
+    if record is not None:
+        sensor = Sensor("box")
+        tables["sensors.box"] = Table(Sensor, {"place": sensor.place, "direction": "z"})
     optional = {name: part for name, part in _examples().items() if tables.get(name) is None}
     tables = {name: part for name, part in tables.items() if name not in optional}
     fault = Table(Fault, {"at": float(scene.track.origin) + 20.0, "height": -1e-3, "length": 0.5, "kind": "joint"})
@@ -214,6 +230,9 @@ def new(
     # errors are found before anything is written
     scene_from_toml("\n".join(text), str(file))
     write_whole(file, "\n".join(text).encode())
+    if record is not None:
+        write_whole(record, RECORD.format(scene=file.name, record=record.name).encode())
+        print(f"wrote {record}: replace its rows by a record of the sensor box")
     print(f"wrote {file}: look through it, and run it by slipperjax run {file}")
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..flow.status import is_lost
 from ..model.parameters import PARAMETERS, parameter
-from ..tools.checks import require
+from ..tools.checks import one_of, require
 from .files import Outputs, keeping, kept_in, said
 from .options import (
     COUNT,
@@ -34,10 +34,13 @@ from .options import (
 from .sweep import keep_units, target
 
 if TYPE_CHECKING:
+    from ..results.result import Result
     from ..sweeps.store import Store
 
 SEPARATOR = "\t"
 """Separator between the words of --over, because words may have spaces in them."""
+Further = tuple[Outputs, Callable[..., "Result"], dict[str, Any]]
+"""Files, function and arguments of a further result of runs."""
 
 
 class _Comparing(CommandOf):
@@ -82,6 +85,13 @@ class _Comparing(CommandOf):
 @option("--store", FILE, "With --rails or --over: keep runs in this store, from which the same command continues.")
 @option("--share", str, "With --store: compute only share I of N of the runs, for jobs of an array.", metavar="I/N")
 @option("--margin", float, "Margin of the specification of a table [environment] [dB], without --over.", default=None)
+@option(
+    "--measured",
+    INPUT,
+    "Measured acceleration, laid over the model's: a table with columns time, acceleration, and perhaps distance or "
+    "speed.",
+)
+@option("--sensor", str, "With --measured: table [sensors.NAME] of FILE; default: the only one.", metavar="NAME")
 @result("run")
 @takes_case
 @click.argument("scene", metavar="FILE", type=INPUT)
@@ -91,6 +101,8 @@ def run(
     out: Sequence[Path],
     over: Sequence[str],
     margin: float | None,
+    measured: Path | None,
+    sensor: str | None,
     **ensemble: object,
 ) -> int:
     """Run the scene of FILE along a length of rail, at a speed that may change, as its table [run] says; or over many
@@ -99,7 +111,8 @@ def run(
     FILE: a TOML file with a table [run], which has a length, such as length = "5 km"; or -, standard input; or the
     result of a run, which is repeated, with the changes of options such as --set play.vertical="0.1 in". With a table
     [environment] the vibration environment of its places is also printed, with a table [loads] the loads that size
-    parts; they are written into further files with -environment and -loads in their names.
+    parts; they are written into further files with -environment and -loads in their names. With --measured a record
+    is laid over the model at its sensor, in the bands of the table [environment], into files with -telemetry.
     """
     file = case.file
     path = click.get_current_context().params["scene"]
@@ -109,69 +122,93 @@ def run(
     of_file = {name: value for name, value in file.run.items() if not given(name)}
     options = case.options | {"begin": begin} | of_file
     files = Outputs(out)
-    changes = {} if margin is None else {"margin": margin}
+    require(sensor is None or measured is not None, "--sensor", "come with --measured", sensor)
+    require(measured is None or not over, "--measured", "come without --over", str(measured))
     if over:
-        require(not changes, "--margin", "not come with --over, which makes no specification", shown="given")
+        need = "not come with --over, which makes no specification"
+        require(margin is None, "--margin", need, shown="given")
         return _compared(case, over, options | ensemble, files)
+    # further results are checked here, before a long run
+    further = _environment_of(case, files, margin)
+    if measured is not None:
+        rails = ensemble["rails"] if given("rails") else 1
+        further.append(_over_record(case, options, measured, sensor, files, rails))
     if given("rails"):
         require(not given("starts"), "--starts", "come with --over", ensemble["starts"])
-        return _over_rails(case, options, ensemble, files, changes)
+        return _over_rails(case, options, ensemble, files, further)
     for name in ensemble:
         require(not given(name), f"--{name}", "come with --over", ensemble[name])
-    return _single(case, options, files, changes)
+    return _single(case, options, files, further)
 
 
-def _environment_of(case: Case, changes: dict[str, float]) -> dict[str, Any] | None:
-    """Return the arguments of the environment that the file asks for, with changes; None where it asks for none.
-
-    They are checked here, before a long run.
-    """
-    from ..sweeps.environment import check_environment
+def _environment_of(case: Case, files: Outputs, margin: float | None) -> list[Further]:
+    """Return the environment that the file asks for, with another margin; an empty list where it asks for none."""
+    from ..sweeps.environment import check_environment, environment
 
     assert case.file is not None
     asked = case.file.environment
     if asked is None:
-        require(not changes, "--margin", "come with a table [environment]", changes.get("margin"))
-        return None
-    check_environment(case.scene, **asked | changes)
-    return asked | changes
+        require(margin is None, "--margin", "come with a table [environment]", margin)
+        return []
+    if margin is not None:
+        asked = asked | {"margin": margin}
+    check_environment(case.scene, **asked)
+    return [(files.named("-environment"), environment, asked)]
 
 
-def _single(case: Case, options: dict[str, object], files: Outputs, changes: dict[str, float]) -> int:
-    """Run once; write and print the run, its vibration environment and its loads.
+def _over_record(
+    case: Case, options: Mapping[str, Any], measured: Path, name: str | None, files: Outputs, rails: int
+) -> Further:
+    """Return the comparison with a record, checked as far as is possible before a long run."""
+    from ..fitting.telemetry import check_telemetry, telemetry
 
-    **Arguments:** `changes`: of the arguments of the environment.
-    """
-    from ..sweeps.environment import environment
+    file = case.file
+    assert file is not None
+    sensors = {sensor.name: sensor for sensor in file.sensors}
+    path = click.get_current_context().params["scene"]
+    require(sensors, "FILE", "be a TOML file with tables [sensors.NAME]", path)
+    if name is None:
+        require(len(sensors) == 1, "--sensor", f"be one of {', '.join(sensors)}", shown="missing")
+        name = next(iter(sensors))
+    table = file.environment or {}
+    bands = {name: table[name] for name in ("low", "high", "quality", "window") if name in table}
+    asked = dict(measured=measured, sensor=sensors[one_of("--sensor", name, sensors)], **bands)
+    check_telemetry(case.scene, **asked, length=options["length"], begin=options["begin"], rails=rails)
+    return files.named("-telemetry"), telemetry, asked
+
+
+def _report(further: Sequence[Further], ran: "Result") -> None:
+    """Compute, write and print further results of runs."""
+    for files, ask, asked in further:
+        report = ask(ran, **asked)
+        said(files.write(report), *report.summary())
+
+
+def _single(case: Case, options: dict[str, object], files: Outputs, further: list[Further]) -> int:
+    """Run once; write and print the run, its loads, and further results."""
     from ..sweeps.loads import check_loads, loads
     from ..sweeps.runs import run as over_rail
 
     file = case.file
     assert file is not None
-    places = _environment_of(case, changes)
+    sized = []
     if file.loads is not None:
         check_loads(case.scene, file.loads["means"], file.loads["cuts"])
-    reports = [
-        (files.named(more), ask, asked)
-        for more, ask, asked in (("-environment", environment, places), ("-loads", loads, file.loads))
-        if asked is not None
-    ]
+        sized.append((files.named("-loads"), loads, file.loads))
     # a run that is repeated keeps its records
-    options.setdefault("record", _records(case, options))
+    options.setdefault("record", _records(case, options, further))
     with keeping(files.keep):
         ran = over_rail(case.scene, **options, probe=3, progress=True)
     keep_units(ran, case)
     said(files.write(ran), case.text(start=_start(case)), *ran.summary())
     lost = is_lost(int(ran.status))
     # for a lost run only its status is printed
-    for further, ask, asked in [] if lost else reports:
-        report = ask(ran, **asked)
-        said(further.write(report), *report.summary())
+    _report([] if lost else [*further, *sized], ran)
     return LOST if lost else 0
 
 
-def _records(case: Case, options: Mapping[str, object]) -> list[object]:
-    """Return the records of a run, with those that the tables of the file need."""
+def _records(case: Case, options: Mapping[str, object], further: list[Further]) -> list[object]:
+    """Return the records of a run, with those that further results, and the loads of the file, need."""
     from ..sweeps.windows import AccelerationHistory, LoadHistory, default_records
 
     file = case.file
@@ -179,7 +216,7 @@ def _records(case: Case, options: Mapping[str, object]) -> list[object]:
     sized = file.loads or {}
     samples = math.ceil(max(options.get("window", 1.0), 1.0) * AccelerationHistory.samples)
     records: list[object] = [*default_records(case.scene)]
-    if file.environment is not None or sized.get("cuts"):
+    if further or sized.get("cuts"):
         records.append(AccelerationHistory(samples))
     if sized.get("means") or sized.get("cuts"):
         records.append(LoadHistory(samples))
@@ -187,25 +224,20 @@ def _records(case: Case, options: Mapping[str, object]) -> list[object]:
 
 
 def _over_rails(
-    case: Case, options: dict[str, object], ensemble: Mapping[str, Any], files: Outputs, changes: dict[str, float]
+    case: Case, options: dict[str, object], ensemble: Mapping[str, Any], files: Outputs, further: list[Further]
 ) -> int:
-    """Run over many rails; write and print the loads of each slipper, with their quantiles, and the environment.
-
-    **Arguments:** `changes`: of the arguments of the environment.
-    """
+    """Run over many rails; write and print the loads of each slipper, with their quantiles, and further results."""
     from ..sweeps.compare import on_rails
-    from ..sweeps.environment import environment
     from ..sweeps.loads import check_loads, loads
     from ..sweeps.runs import run as over_rail
 
     assert case.file is not None
     sized = {"quantiles": ensemble["quantiles"]} | (case.file.loads or {})
     check_loads(case.scene, sized.get("means", ()), sized.get("cuts", ()))
-    places = _environment_of(case, changes)
     store = _store(ensemble, ensemble["rails"])
     scene, rails = on_rails(case.scene, ensemble["rails"])
     require(rails, "--rails", "be 2 or more", ensemble["rails"])
-    options.setdefault("record", _records(case, options))
+    options.setdefault("record", _records(case, options, further))
     with keeping(_kept(store), None if store is None else store.path):
         ran = over_rail(scene, rails, product=False, **options, store=store, progress=True)
     if _is_share(store):
@@ -213,12 +245,9 @@ def _over_rails(
     report = loads(ran, over="case", **sized)
     keep_units(report, case)
     said(files.write(report), case.text(start=_start(case)), *report.summary())
-    if is_lost(report["status"].values).all():
-        return LOST
-    if places is not None:
-        vibration = environment(ran, **places)
-        said(files.named("-environment").write(vibration), *vibration.summary())
-    return 0
+    lost = is_lost(report["status"].values).all()
+    _report([] if lost else further, ran)
+    return LOST if lost else 0
 
 
 def _store(ensemble: Mapping[str, Any], runs: int) -> "Store | None":

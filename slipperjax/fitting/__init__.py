@@ -13,4 +13,5 @@ from .fit import Fit as Fit
 from .likelihood import FeaturePosterior as FeaturePosterior, Features as Features
 from .method import AbstractFitMethod as AbstractFitMethod, Posterior as Posterior, Problem as Problem
 from .synthetic import synthetic_record as synthetic_record
+from .telemetry import telemetry as telemetry
 from .trajectories import SignalPosterior as SignalPosterior, Trajectories as Trajectories

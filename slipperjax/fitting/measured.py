@@ -50,7 +50,7 @@ def measured_runs(measured: object, rig: Rig) -> tuple[MeasuredRun, ...]:
     require(every, "measured", "have one run or more", shown="none")
     runs = []
     for one in every:
-        signals, known = (_of_dataset if isinstance(one, xr.Dataset) else _of_file)(one, rig)
+        signals, known = (signals_of if isinstance(one, xr.Dataset) else _of_file)(one, rig)
         found = [_signal(s, *signals[s.name]) if s.name in signals else NO_SIGNAL for s in rig.sensors]
         require(signals, "measured", f"have signals of the sensors {', '.join(rig.names)}", shown="none")
         runs.append(MeasuredRun(tuple(found), known))
@@ -85,7 +85,7 @@ def _of_file(file: str | os.PathLike[str], rig: Rig) -> Found:
     return {name: (columns["time"], columns[name]) for name in rig.names if name in columns}, known
 
 
-def _of_dataset(ds: xr.Dataset, rig: Rig) -> Found:
+def signals_of(ds: xr.Dataset, rig: Rig) -> Found:
     """Read the signals of a dataset: a variable for each sensor, along a coordinate of times, and scalar coordinates
     of known parameters."""
     strange = [str(name) for name in ds.data_vars if name not in rig.names]

@@ -137,7 +137,12 @@ class Sensor(ShapeChecked):
         **Arguments:** `seen`: channels at equally spaced instants; `time`: of these instants [s]; `at`: times of the
         readings, from the same zero [s].
         """
-        signal = jax.vmap(lambda now: self.signal(now, modes))(seen)
+        return self.reading(jax.vmap(lambda now: self.signal(now, modes))(seen), time, at)
+
+    def reading(
+        self, signal: Float[Array, " instants"], time: Float[Array, " instants"], at: Float[Array, " samples"]
+    ) -> Float[Array, " samples"]:
+        """Return the readings of a signal [`unit`] with gain, bias, delay and filter; arguments as of `read`."""
         if self.cutoff is not None:
             last = time.shape[0] - 1
             signal = low_pass(signal, self.cutoff * (time[last] - time[0]) / last)

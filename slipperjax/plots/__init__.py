@@ -21,6 +21,7 @@ from .runs import passing as passing, run_overview as run_overview
 from .sections import animate as animate, instant as instant, section as section
 from .sleds import load_sharing as load_sharing, plan as plan
 from .style import styled as styled
+from .telemetry import record_over_model as record_over_model
 from .trajectories import (
     contact_forces as contact_forces,
     history as history,

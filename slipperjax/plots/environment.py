@@ -71,10 +71,14 @@ def three_digits(value: float) -> str:
 
 def places_of(report: xr.Dataset) -> list[xr.Dataset]:
     """Return a report of each place, with accelerations in g and densities in g^2/Hz."""
-    ds = check_dataset(report, SOURCE, "density_envelope", "shock_response", argument="report")
-    factors = {"m/s^2": 1 / STANDARD_GRAVITY, "m^2/s^4/Hz": 1 / STANDARD_GRAVITY**2}
-    ds = ds.map(lambda values: values * factors.get(values.attrs["units"], 1.0))
+    ds = in_g(check_dataset(report, SOURCE, "density_envelope", "shock_response", argument="report"))
     return [ds.isel(place=place) for place in range(ds.sizes["place"])]
+
+
+def in_g(ds: xr.Dataset) -> xr.Dataset:
+    """Return a dataset with accelerations in g and densities in g^2/Hz."""
+    factors = {"m/s^2": 1 / STANDARD_GRAVITY, "m^2/s^4/Hz": 1 / STANDARD_GRAVITY**2}
+    return ds.map(lambda values: values * factors.get(values.attrs["units"], 1.0))
 
 
 def greatest_of_rails(at: xr.Dataset) -> pd.DataFrame:
@@ -101,7 +105,7 @@ def _draw_density(ax: Axes, at: xr.Dataset) -> None:
     if "specification_frequency" in at:
         lines = at["specification_frequency"].values, at["specification_density"].values
         ax.plot(*lines, color="black", lw=0.8, ls=":", label="specification")
-    _finish_spectrum(ax, edges)
+    finish_spectrum(ax, edges)
     ax.set_xlabel(f"frequency [Hz], along {at['direction'].item()}")
 
 
@@ -113,11 +117,12 @@ def _draw_shock(ax: Axes, at: xr.Dataset) -> None:
         ax.plot(natural, of_all.sel(summary="maximum"), color=line_color(k), lw=1.0, label=str(direction))
         if rails > 1:
             ax.plot(natural, of_all.sel(summary="limit"), color=line_color(k), lw=0.7, ls="--")
-    _finish_spectrum(ax, natural)
+    finish_spectrum(ax, natural)
     ax.set(xlabel="natural frequency [Hz]", ylabel="shock response [g]" + ", dashed 95/50" * (rails > 1))
 
 
-def _finish_spectrum(ax: Axes, edges: np.ndarray) -> None:
+def finish_spectrum(ax: Axes, edges: np.ndarray) -> None:
+    """Make the axes of a panel over frequency logarithmic, between the outer edges of its bands [Hz]."""
     ax.set_xscale("log")
     # along x the centre of mass has no acceleration
     if any(np.any(np.asarray(line.get_ydata()) > 0) for line in ax.lines):

@@ -17,9 +17,10 @@ from ..plots.loads import greatest_loads
 from ..plots.runs import run_overview
 from ..plots.style import Units
 from ..plots.sweeps import of_sweep
+from ..plots.telemetry import record_over_model
 from ..plots.trajectories import overview
 from ..tools.checks import require
-from . import cases, comparisons, environments, loads, motions, runs, searches
+from . import cases, comparisons, environments, loads, motions, runs, searches, telemetry
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -61,6 +62,9 @@ KINDS: dict[str, Kind] = {
         "Vibration environment",
         environments.report,
         pages=lambda ds: (vibration(ds, place)[0, 0].figure for place in range(ds.sizes["place"])),
+    ),
+    "telemetry": Kind(
+        telemetry.summary, telemetry.tables, record_over_model, "Record over the model", telemetry.report
     ),
     "loads": Kind(loads.summary, loads.tables, greatest_loads, "Loads", loads.report),
     "optimise_design": Kind(searches.design_summary, searches.design_tables, design_overview),

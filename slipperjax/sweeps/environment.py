@@ -21,6 +21,7 @@ from ..tools.files import listed
 from ..tools.types import Numbers, Real
 from .windows import AccelerationHistory, begins, speeds_along
 
+HISTORY = AccelerationHistory.quantity.name
 DIRECTIONS = ("x", "y", "z")
 LEAST_RATE = 20.0
 """Least sampling rate over the highest frequency [1]; with it the error of the shock response is within 2 %."""
@@ -77,16 +78,10 @@ def environment(
     **Raises:** `ValueError` for runs without the record, places that the modes do not have, runs of different
     speeds, and if all runs are lost.
     """
-    name = AccelerationHistory.quantity.name
-    need = f'results of slipperjax.run with the record "{name}"'
-    several = (runs,) if isinstance(runs, Result | xr.Dataset) else tuple_of("runs", runs, (Result, xr.Dataset), need)
-    given = tuple(getattr(one, "ds", one) for one in several)
-    require(given, "runs", "be one run or more", runs)
-    for one in given:
-        require(name in one, "runs", f"be {need}", shown="others")
+    given = with_histories(runs)
     scene, _ = load_base(given[0])
     at, edges = check_environment(scene, places, low=low, high=high, quality=quality, window=window, margin=margin)
-    histories, seconds, steps = _histories(given, name)
+    histories, seconds, steps = histories_of(given)
     intervals = np.diff(seconds)
     least = LEAST_RATE * edges[-1]
     rate = max(1 / float(np.median(intervals)), least)
@@ -116,6 +111,17 @@ def environment(
     made = _dataset(found, at)
     made = made.assign(_specification(made, float(margin)))
     return Result(made.assign_attrs(known, **ends, **averaged, call=json.dumps(describe(call))))
+
+
+def with_histories(runs: Result | xr.Dataset | Sequence[Result | xr.Dataset]) -> tuple[xr.Dataset, ...]:
+    """Return the datasets of one run or several, which must have accelerations."""
+    need = f'results of slipperjax.run with the record "{HISTORY}"'
+    several = (runs,) if isinstance(runs, Result | xr.Dataset) else tuple_of("runs", runs, (Result, xr.Dataset), need)
+    given = tuple(one.ds if isinstance(one, Result) else one for one in several)
+    require(given, "runs", "be one run or more", runs)
+    for one in given:
+        require(HISTORY in one, "runs", f"be {need}", shown="others")
+    return given
 
 
 def _specification(ds: xr.Dataset, margin: float) -> dict[str, object]:
@@ -167,8 +173,8 @@ def check_environment(
     return at, band_edges(low, high)
 
 
-def _histories(
-    runs: Sequence[xr.Dataset], name: str
+def histories_of(
+    runs: Sequence[xr.Dataset],
 ) -> tuple[
     Float[np.ndarray, "rails samples components"], Float[np.ndarray, " samples"], Float[np.ndarray, " samples"]
 ]:
@@ -179,7 +185,7 @@ def _histories(
     for ds in runs:
         over = [str(name) for name in ds["status"].dims]
         require(len(over) <= 1, "runs", "be over one parameter at most", shown=f"over {', '.join(over)}")
-        values = ds[name].transpose(..., "distance", "sample", "component").values
+        values = ds[HISTORY].transpose(..., "distance", "sample", "component").values
         good = ~is_lost(np.atleast_1d(ds["status"].values))
         rows += list(values.reshape(-1, *values.shape[-3:])[good])
         steps.append(ds["steps_per_window"].min(ds["status"].dims).values)

@@ -11,6 +11,7 @@ import slipperjax as sj
 from slipperjax.cli.new import RAILS
 from slipperjax.cli.options import make_case
 from slipperjax.cli.sweep import make_grid
+from slipperjax.fitting.accelerations import read_record
 from slipperjax.model.surveys import SurveyedRails, SurveyedTrack
 
 from .commands import call, dataset, error_of, names
@@ -275,3 +276,18 @@ def test_a_file_that_is_there_stays(tmp_path, capsys):
     call(["new", file, "--force"], capsys)
     assert "gravity" in file.read_text()
     assert "`file` must end with .toml" in error_of(["new", tmp_path / "sled.txt"], capsys)
+
+
+def test_a_template_of_a_record_fits_the_scene(tmp_path, capsys):
+    file, record = tmp_path / "sled.toml", tmp_path / "record.csv"
+    text, _ = call(["new", file, "--record", record, "--speed", "300"], capsys)
+    assert text.startswith(f"wrote {record}: replace its rows")
+    scene = sj.load(file)
+    (sensor,) = scene.sensors
+    # the table is read, and needs more rows
+    with pytest.raises(ValueError, match="`measured` must have 8 samples or more, but has 2"):
+        read_record(record, sensor, 2000.0)
+    head, rows = record.read_text().split("0.0000, 0.0\n")
+    record.write_text(head + "\n".join(f"{k * 1e-4:.4f}, {k % 2}" for k in range(10)) + rows[-1])
+    assert len(read_record(record, sensor, 2000.0).time) == 10
+    assert f"{record} is there already" in error_of(["new", tmp_path / "other.toml", "--record", record], capsys)

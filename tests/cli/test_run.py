@@ -12,6 +12,7 @@ import pytest
 import xarray as xr
 
 import slipperjax as sj
+from slipperjax.fitting import telemetry
 from slipperjax.flow.datasets import run_attributes
 from slipperjax.model.surveys import SurveyedTrack
 from slipperjax.plots.runs import peak_of
@@ -293,6 +294,9 @@ def test_designs_are_compared_told_and_written(file, tmp_path, capsys):
         (["--margin", "3", "--rails", "2"], "--margin must come with a table [environment], but is 3"),
         (["--margin", "3", "--over", "clearance", "0.8", "1"], "--margin must not come with --over, which makes no"),
         (["--share", "1/2", "--rails", "8"], "--share must come with --store, but is '1/2'"),
+        (["--sensor", "box"], "Option --sensor must come with --measured"),
+        (["--measured", "none.csv"], "must be a TOML file with tables [sensors.NAME]"),
+        (["--measured", "none.csv", "--over", "clearance", "0.8", "1"], "Option --measured must come without --over"),
         (["--over", "clearance", "0.8"], "have a parameter and two or more values"),
         (["--over", "clearence", "0.8", "1"], "Argument `clearence` is no parameter"),
         (
@@ -303,6 +307,61 @@ def test_designs_are_compared_told_and_written(file, tmp_path, capsys):
 )
 def test_a_wrong_comparison_is_one_line(options, words, file, capsys):
     assert words in error_of(["run", file, *options], capsys)
+
+
+SENSORS = """
+[sensors.box]
+place = { values = [100, 0, 40], unit = "mm" }
+
+[sensors.lid]
+
+[environment]
+places = { unit = "mm", values = [[100, 0, 40]] }
+low = "40 Hz"
+high = "200 Hz"
+"""
+
+
+@pytest.fixture
+def record(tmp_path):
+    """A record of 0.2 s, a sine of 5 g and 100 Hz."""
+    path = tmp_path / "record.csv"
+    time = np.arange(2000) / 10e3
+    rows = np.column_stack([time, 5 * np.sin(2 * np.pi * 100 * time)])
+    np.savetxt(path, rows, fmt="%.9g", delimiter=",", header="time [s], box [g]", comments="")
+    return path
+
+
+def test_a_wrong_record_is_one_line_before_the_run(file, record, capsys, replaced):
+    file.write_text(FILE + SENSORS)
+    over_rail = replaced("sweeps.runs.run")
+    wrong = lambda *options, of=record: error_of(["run", file, "--measured", of, *options], capsys)
+    assert "Option --sensor must be one of box, lid, but is missing" in wrong()
+    assert "Option --sensor must be one of box, lid, but is 'bix'. Did you mean box?" in wrong("--sensor", "bix")
+    assert "Argument `rails` must be 1, or 19 or more" in wrong("--sensor", "box", "--rails", "8")
+    # its column has the name of the other sensor
+    assert re.search("other names are .* lid,", wrong("--sensor", "lid"))
+    late = record.with_name("late.csv")
+    late.write_text(record.read_text().replace("time [s]", "time [min]"))
+    assert "must have 800 samples a second or more for bands up to 200 Hz, but has 166.667" in wrong(
+        "--sensor", "box", of=late
+    )
+    assert not over_rail.called
+
+
+@pytest.mark.full
+def test_a_record_is_laid_over_the_run(file, record, tmp_path, capsys):
+    file.write_text(FILE.replace("steps_per_period = 60", "steps_per_period = 200") + SENSORS)
+    out = ["--out", tmp_path / "a.nc", "--out", tmp_path / "a.csv"]
+    text, _ = call(["run", file, "--measured", record, "--sensor", "box", *out], capsys)
+    assert {f"a-telemetry{end}" for end in (".nc", ".csv", "_frequencies.csv", "_windows.csv")} <= set(
+        names(tmp_path)
+    )
+    # a sine of 5 g
+    assert numbers(text, r"\nRMS: record (..) g, model") == pytest.approx([5 / 2**0.5], rel=0.01)
+    report = sj.load(tmp_path / "a-telemetry.nc")
+    again = telemetry(sj.load(tmp_path / "a.nc"), record, report.call["sensor"], low=40.0, high=200.0)
+    np.testing.assert_array_equal(report["density"], again["density"])
 
 
 @pytest.mark.full

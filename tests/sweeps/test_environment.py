@@ -9,7 +9,7 @@ import pytest
 import slipperjax as sj
 from slipperjax.analysis.environment import band_rms
 from slipperjax.sweeps import AccelerationHistory
-from slipperjax.sweeps.environment import DIRECTIONS, _histories, accelerations_at
+from slipperjax.sweeps.environment import DIRECTIONS, accelerations_at, histories_of
 from slipperjax.sweeps.windows import BANDS
 
 from ..common import sled_on
@@ -31,7 +31,7 @@ def in_the_air(speed=100.0, **parts):
 
 def at_place(ds, place=PLACE):
     """Gives the times of samples [s] and accelerations of a place [m/s^2], (directions, samples)."""
-    histories, seconds, _ = _histories([ds], "body_acceleration")
+    histories, seconds, _ = histories_of([ds])
     return seconds, accelerations_at(sj.load(ds).scene, histories, np.array([place]))[0, 0]
 
 
