@@ -5,7 +5,7 @@ import functools
 import equinox as eqx
 from jaxtyping import Array, Float
 
-from ..tools.checks import finite, one_of, positive, require, tuple_of
+from ..tools.checks import finite, instance, one_of, positive, require, tuple_of
 from ..tools.fields import field
 from .tracks import SHAPES, AbstractLocalTrack, AbstractSum, AbstractTrack, StraightTrack, SumTrack, TwoRails
 
@@ -60,6 +60,9 @@ class FaultyTrack(AbstractSum):
     """Faults of the right rail alone."""
 
     def __check_init__(self):
+        straight = StraightTrack()
+        for name, track in {"one": self.one, "left": self.left or straight, "right": self.right or straight}.items():
+            instance(name, track, AbstractTrack, "a track such as slipperjax.HarmonicTrack(...)")
         require(len(set(self.names)) == len(self.names), "faults", "have different names", self.names)
 
     @property

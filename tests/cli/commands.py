@@ -15,6 +15,8 @@ BRANCH = DATA / "branch.nc"
 TEN = ["--transient", 10, "--periods", 10, "--steps-per-period", 100]
 """Options of short runs over speed, which share their programs with tests/sweeps."""
 DPI = 300
+# 16 cm [in]
+TEXT = 16 / 2.54
 
 
 def call(arguments, capsys, code=0):
@@ -44,7 +46,9 @@ def dataset(out):
 def picture(out, width, height):
     """The pixels of a picture of `width` and `height` inches, (rows, columns, 3)."""
     pixels = matplotlib.image.imread(f"{out}.png")[..., :3]
-    assert pixels.shape == (round(height * DPI), round(width * DPI), 3)
+    # narrow pictures have more pixels per inch, so that they may be spread over a text
+    per_inch = round(DPI * max(1.0, TEXT / width))
+    assert pixels.shape == (round(height * per_inch), round(width * per_inch), 3)
     return pixels
 
 
