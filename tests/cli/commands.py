@@ -48,7 +48,8 @@ def picture(out, width, height):
     pixels = matplotlib.image.imread(f"{out}.png")[..., :3]
     # narrow pictures have more pixels per inch, so that they may be spread over a text
     per_inch = round(DPI * max(1.0, TEXT / width))
-    assert pixels.shape == (round(height * per_inch), round(width * per_inch), 3)
+    # matplotlib cuts off a part of a pixel
+    assert pixels.shape == (int(height * per_inch), int(width * per_inch), 3)
     return pixels
 
 
