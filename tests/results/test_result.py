@@ -87,7 +87,18 @@ def test_results_say_themselves_and_what_they_have():
 
 
 def test_each_question_has_a_kind_of_result_and_datasets_of_others_are_refused():
-    questions = {"simulate", "sweep", "follow", "run", "compare", "environment", "loads", "optimise_design", "fit", "telemetry"}
+    questions = {
+        "simulate",
+        "sweep",
+        "follow",
+        "run",
+        "compare",
+        "environment",
+        "loads",
+        "optimise_design",
+        "fit",
+        "telemetry",
+    }
     assert questions | {"periodic_orbit", "continue_orbit", "continue_event", "continue_motion"} == set(KINDS)
     with pytest.raises(ValueError, match=r"`source` must be a result of slipperjax, but is a dataset with no attr"):
         sj.load(xr.Dataset())
