@@ -159,6 +159,8 @@ class PeriodicMotions(AbstractEquations):
     """Makes proposed states consistent, see `Consistent`; None leaves them."""
     lengths: Real = 1.0
     """Divisors of the state's weights in lengths along a curve; infinite for components that do not count."""
+    derivatives: int = eqx.field(static=True, default=5)
+    """Order of the highest derivatives of the map that exist and are needed; at most five are."""
 
     @property
     def size(self) -> int:

@@ -32,7 +32,7 @@ def branch_result(branch: Branch, units: Mapping[str, str] | None = None) -> Res
     **Raises:** `ValueError` for a curve over several parameters, and for units of names that the branch does not
     have.
     """
-    names = list(instance("branch", branch, Branch, "a branch of slipperjax.analysis.continue_motion").parameters)
+    names = list(instance("branch", branch, Branch, "a branch of slipperjax.analysis.continue_motion").names)
     require(len(names) == 1, "branch", "be over one parameter", names)
     (name,) = names
     nodes = branch.nodes
