@@ -58,14 +58,14 @@ class NormalForm:
     The coordinate of a complex multiplier is followed by that of its conjugate.
     """
 
-    def __init__(self, motions: PeriodicMotions, z: np.ndarray, critical: Sequence[complex]):
-        weights = np.asarray(motions.weights(jnp.asarray(z))[0])
+    def __init__(self, motions: PeriodicMotions, z: np.ndarray, matrices: np.ndarray, critical: Sequence[complex]):
+        # without unknowns behind those of the motions
+        self.z = np.asarray(z)[: motions.size + np.size(motions.reach)]
         self.motions = motions
-        self.z = np.asarray(z)
+        weights = np.asarray(motions.weights(jnp.asarray(self.z))[0])
         self.scale = np.where(weights > 0, weights, 1.0)
         # the Jacobian in weighted components
-        matrix = product(np.asarray(evaluated(motions, z).matrices))
-        self.matrix = self.scale[:, None] * matrix / self.scale
+        self.matrix = self.scale[:, None] * product(np.asarray(matrices)) / self.scale
         self.multipliers: list[complex] = []
         self.right: list[np.ndarray] = []
         self.left: list[np.ndarray] = []
@@ -245,7 +245,7 @@ def _fold_flip(f: NormalForm) -> Coefficients:
 
 
 def _fold_neimark_sacker(f: NormalForm) -> Coefficients:
-    found = {"f200": f(0, 0, 0), "f011": f(0, 1, 2), "g110": f.turned(1, 0, 1)}
+    found = {"f200": f(0, 0, 0), "f011": f(0, 1, 2), "g110": f.turned(1, 0)}
     found |= {"f300": f(0, 0, 0, 0), "f111": f(0, 0, 1, 2), "g210": f.turned(1, 0, 0), "g021": f.turned(1, 1, 2)}
     return found | {"s": float(np.sign((found["f200"] * found["f011"]).real))}
 
@@ -280,11 +280,12 @@ FORMS: dict[str, tuple[int, Callable[[NormalForm], Coefficients]]] = {
 
 def form_at(motions: PeriodicMotions, z: np.ndarray, label: str) -> NormalForm:
     """Return the normal form at a point, with the multipliers nearest to the unit circle as complex critical ones."""
-    mu = multipliers(np.asarray(evaluated(motions, z).matrices))
+    matrices = np.asarray(evaluated(motions, z).matrices)
+    mu = multipliers(matrices)
     upper = sorted(mu[mu.imag > 0], key=lambda one: abs(abs(one) - 1))
     # exactly on the circle
     pairs = iter([one / abs(one) for one in upper])
-    return NormalForm(motions, z, [next(pairs) if one is None else one for one in CRITICAL[label]])
+    return NormalForm(motions, z, matrices, [next(pairs) if one is None else one for one in CRITICAL[label]])
 
 
 def normal_form(
