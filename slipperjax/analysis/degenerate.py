@@ -1,8 +1,8 @@
 """Points of codimension two on curves of folds, flips and Neimark-Sackers: named, located, with their normal forms.
 
-Each kind of point is a zero of a test function along the curve. A further multiplier on the unit circle is a zero of a
-product over the other multipliers; the rest are zeros of a coefficient of the curve's own normal form, of the product
-of both null vectors, or of the distance of the angle from a strong resonance.
+Each kind of point is a zero of a test function along the curve. A further multiplier on the unit circle is a zero of
+a product over the other multipliers; the rest are zeros of a coefficient of the curve's own normal form, of the
+product of both null vectors, or of the distance of the angle from a strong resonance.
 """
 
 import itertools
@@ -13,7 +13,7 @@ import numpy as np
 from .arclength import Node, correct
 from .continuation import parameter_places
 from .events import BRACKET, Event, EventSearch, observed
-from .normal_forms import CRITICAL, FORMS, NormalForm, normal_form, reason
+from .normal_forms import CRITICAL, FORMS, NormalForm, Number, normal_form
 from .shooting import PeriodicMotions
 
 POINTS = {
@@ -31,8 +31,8 @@ POINTS = {
 }
 """Labels of points of codimension two, as in MatContM, with their meanings."""
 ZERO = 1e-3
-"""Greatest value of a test function at its zero, as a share of its values before and behind. It is larger at a pole or
-a jump, which also changes the sign."""
+"""Greatest value of a test function at its zero, as a share of its values before and behind. It is larger at a pole
+or a jump, which also changes the sign."""
 ON_CIRCLE = 1e-6
 """Greatest distance from the unit circle of a further complex pair of multipliers."""
 
@@ -48,7 +48,7 @@ def others(label: str, node: Node) -> np.ndarray:
     return np.array(rest)
 
 
-def critical(label: str, node: Node) -> list[complex]:
+def critical(label: str, node: Node) -> list[Number]:
     """Return the critical multipliers of a curve at a point, with the conjugate of a complex one."""
     (mu,) = CRITICAL[label]
     return [np.exp(1j * node.z[-1]), np.exp(-1j * node.z[-1])] if mu is None else [mu]
@@ -134,7 +134,7 @@ class PointSearch(EventSearch):
         return sorted(found, key=lambda event: chord @ event.node.z)
 
     def point(self, name: str, test: Callable[[Node], float], a: Node, b: Node) -> Event | None:
-        """Return the point at which a test function is zero; None where it has a pole, or where no pair is complex."""
+        """Return the point at which a test function is zero; None at a pole, or where no pair is complex."""
         low, high, nearest, width = self.narrowed(test, a, b)
         ends = [abs(test(node)) for node in (a, b)]
         if not abs(test(nearest)) <= ZERO * min(ends):

@@ -59,7 +59,7 @@ class Event(NamedTuple):
     """Changes of `Observation.counts` at a grazing, along the branch."""
     places: tuple[int, ...] = (-1,)
     """Places of the parameters among the unknowns."""
-    coefficients: Mapping[str, complex] = {}
+    coefficients: Mapping[str, complex | float] = {}
     """Coefficients of the normal form, by the names of the field; empty where they are not computed."""
     stderr: Mapping[str, float] = {}
     """Errors of the coefficients by the steps of an integration; empty for maps."""

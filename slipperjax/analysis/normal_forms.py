@@ -19,7 +19,8 @@ from math import factorial, prod
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Complex, Float, PyTree
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, Float, PyTree
 
 from ..tools.checks import instance, one_of
 from ..tools.compile import call_compiled
@@ -28,20 +29,22 @@ from .arclength import evaluated
 from .floquet import multipliers, product
 from .shooting import PeriodicMotions
 
-CRITICAL: dict[str, tuple[complex | None, ...]] = {
-    "LP": (1,),
-    "PD": (-1,),
+Number = complex | float
+
+CRITICAL: dict[str, tuple[Number | None, ...]] = {
+    "LP": (1.0,),
+    "PD": (-1.0,),
     "NS": (None,),
-    "CP": (1,),
-    "GPD": (-1,),
+    "CP": (1.0,),
+    "GPD": (-1.0,),
     "CH": (None,),
-    "R1": (1,),
-    "R2": (-1,),
+    "R1": (1.0,),
+    "R2": (-1.0,),
     "R3": (np.exp(2j * np.pi / 3),),
     "R4": (1j,),
-    "LPPD": (1, -1),
-    "LPNS": (1, None),
-    "PDNS": (-1, None),
+    "LPPD": (1.0, -1.0),
+    "LPNS": (1.0, None),
+    "PDNS": (-1.0, None),
     "NSNS": (None, None),
 }
 """Critical multipliers by label; None for a complex pair whose angle is unknown."""
@@ -58,7 +61,7 @@ class NormalForm:
     The coordinate of a complex multiplier is followed by that of its conjugate.
     """
 
-    def __init__(self, motions: PeriodicMotions, z: np.ndarray, matrices: np.ndarray, critical: Sequence[complex]):
+    def __init__(self, motions: PeriodicMotions, z: np.ndarray, matrices: np.ndarray, critical: Sequence[Number]):
         # without unknowns behind those of the motions
         self.z = np.asarray(z)[: motions.size + np.size(motions.reach)]
         self.motions = motions
@@ -66,7 +69,7 @@ class NormalForm:
         self.scale = np.where(weights > 0, weights, 1.0)
         # the Jacobian in weighted components
         self.matrix = self.scale[:, None] * product(np.asarray(matrices)) / self.scale
-        self.multipliers: list[complex] = []
+        self.multipliers: list[Number] = []
         self.right: list[np.ndarray] = []
         self.left: list[np.ndarray] = []
         for mu in critical:
@@ -80,7 +83,7 @@ class NormalForm:
         slopes = np.diag(self.multipliers)
         self.known = {(j,): (q, slopes[j]) for j, q in enumerate(self.right)}
 
-    def vectors(self, mu: complex) -> tuple[Complex[np.ndarray, " size"], Complex[np.ndarray, " size"]]:
+    def vectors(self, mu: Number) -> tuple[np.ndarray, np.ndarray]:
         """Return right and left eigenvectors of length one; the greatest component of the right one is positive."""
         left, _, right = np.linalg.svd(self.matrix - mu * np.eye(len(self.matrix)))
         q = np.conj(right[-1])
@@ -97,9 +100,9 @@ class NormalForm:
         factors = 1j ** choices.sum(axis=1) if choices.any() else np.ones(1)
         return self.scale * (factors @ along)
 
-    def solved(self, factor: complex, rhs: np.ndarray, right: Sequence, left: Sequence) -> np.ndarray:
-        """Return h of (P_x - factor) h = rhs, and one number for each of the vectors `right`, which complete the range
-        where the system is singular; h has no component along them, seen by `left`."""
+    def solved(self, factor: Number, rhs: np.ndarray, right: Sequence, left: Sequence) -> np.ndarray:
+        """Return h of (P_x - factor) h = rhs, and one number for each of the vectors `right`, which complete the
+        range where the system is singular; h has no component along them, seen by `left`."""
         size, count = len(self.matrix), len(right)
         columns = np.reshape(np.array(right), (count, size)).T
         rows = np.conj(np.reshape(np.array(left), (count, size)))
@@ -134,12 +137,12 @@ class NormalForm:
         self.known[slots] = solution[:split], of_map
         return self.known[slots]
 
-    def __call__(self, coordinate: int, *slots: int) -> complex:
+    def __call__(self, coordinate: int, *slots: int) -> Number:
         """Return the coefficient of a monomial in one coordinate of the normal form."""
         repeats = prod(factorial(count) for count in Counter(slots).values())
         return self.expanded(slots)[1][coordinate] / repeats
 
-    def turned(self, *slots: int) -> complex:
+    def turned(self, *slots: int) -> Number:
         """Return the coefficient of a monomial in the coordinate of its first factor, divided by the multiplier."""
         first = slots[0]
         return self(first, *sorted(slots)) / self.multipliers[first]
@@ -161,13 +164,14 @@ class NormalForm:
 
 def _derivatives(motions: PeriodicMotions, static: tuple, z: Array, directions: Array) -> Array:
     """Return derivatives of the map along each of several lists of directions (cases, order, size)."""
-    size = motions.size
+    # not as one kernel, because XLA fails to link some kernels of fifth derivatives
+    flow = motions.flow(z)
 
     def along(directions: Array) -> Array:
-        function = lambda x: motions.mapped(jnp.concatenate([x, z[size:]]))
+        function = lambda x: ravel_pytree(flow(motions.state(x)))[0]
         for direction in directions:
             function = _slope(function, direction)
-        return function(z[:size])
+        return function(z[: motions.size])
 
     return jax.vmap(along)(directions)
 
@@ -189,7 +193,7 @@ def _partitions(slots: Slots) -> Iterator[tuple[Slots, ...]]:
             yield *blocks[:k], (first, *block), *blocks[k + 1 :]
 
 
-Coefficients = dict[str, complex]
+Coefficients = dict[str, Number]
 
 
 def _neimark_sacker(f: NormalForm) -> Coefficients:
@@ -306,7 +310,7 @@ def normal_form(
     | R3, R4 | `b`, `c` and `Re c1`; `c`, `d` and `A` |
     | LPPD | `a`, `b`, `cNS` |
     | LPNS | `f200`, `f011`, `g110` and so on by the powers of w, z and conj(z), and `s` = sign(f200 f011) |
-    | PDNS, NSNS | `a`, `b`, `c`, `d`: relative growth of the first modulus with the squares of both, and of the second |
+    | PDNS, NSNS | `a`, `b`: growth of the first modulus with the squares of both, as shares; `c`, `d`: of the second |
 
     **Arguments:** `motions`: of any number of parameters; `state`, `value`: of a motion at the bifurcation, with one
     value for each parameter; `label`: one of the table.
@@ -328,7 +332,7 @@ def reason(motions: PeriodicMotions) -> str:
     return f"derivatives of order {motions.derivatives}, which are all that the map has"
 
 
-def _plain(number: complex) -> complex:
+def _plain(number: Number) -> Number:
     """Return a number of Python, real where it has no imaginary part."""
     number = complex(number)
     return number if number.imag else number.real
