@@ -310,7 +310,7 @@ def normal_form(
     | R3, R4 | `b`, `c` and `Re c1`; `c`, `d` and `A` |
     | LPPD | `a`, `b`, `cNS` |
     | LPNS | `f200`, `f011`, `g110` and so on by the powers of w, z and conj(z), and `s` = sign(f200 f011) |
-    | PDNS, NSNS | `a`, `b`: growth of the first modulus with the squares of both, as shares; `c`, `d`: of the second |
+    | PDNS, NSNS | `a`, `b`: relative growth of the first modulus with the squares of both; `c`, `d`: of the second |
 
     **Arguments:** `motions`: of any number of parameters; `state`, `value`: of a motion at the bifurcation, with one
     value for each parameter; `label`: one of the table.

@@ -2,8 +2,9 @@
 
 import dataclasses
 import functools
+import json
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import equinox as eqx
 import jax
@@ -40,6 +41,7 @@ from .branches import (
     OrbitBranch,
     bounds_of,
     counted,
+    curve_columns,
     finished,
     orbits_dataset,
 )
@@ -240,6 +242,23 @@ class GapExtreme(eqx.Module):
         return cubic.value(x), k + (n + x) / steps
 
 
+class CurvePoint(NamedTuple):
+    """A point of codimension two, or an end, of a curve of orbits."""
+
+    label: str
+    """One of `slipperjax.analysis.degenerate.POINTS`, or "EP" or "MX" at an end."""
+    values: tuple[float, ...]
+    """Values of both parameters [their SI units]."""
+    state: np.ndarray
+    """All numbers of the state."""
+    coefficients: dict[str, complex]
+    """Coefficients of the normal form, see `slipperjax.analysis.normal_form`; empty where there are none."""
+    stderr: dict[str, float]
+    """Errors of the coefficients by the steps."""
+    note: str
+    """Reason why there are no coefficients."""
+
+
 class OrbitCurve(Result):
     """Orbits with one event, along a curve in the plane of two parameters: a dataset along `point` with both
     parameters, `state`, `multiplier_real` and `multiplier_imag` [1], and `outside`, the number of multipliers outside
@@ -249,6 +268,24 @@ class OrbitCurve(Result):
     def label(self) -> str:
         """Event: "LP", "PD", "NS" or "GR"."""
         return self.ds.attrs["label"]
+
+    @property
+    def parameters(self) -> np.ndarray:
+        """Values of both parameters [their SI units], of shape (points, 2)."""
+        return np.column_stack([self.ds[name].values for name in self.names])
+
+    @property
+    def events(self) -> tuple[CurvePoint, ...]:
+        """Ends and points of codimension two, in the order of the curve's points."""
+        found = []
+        names = ("label", "point", "coefficients", "note")
+        for label, point, texts, note in zip(*(self.ds[f"event_{name}"].values.tolist() for name in names)):
+            parts = json.loads(texts)
+            numbers = {name: complex(real, imaginary) for name, (real, imaginary, _) in parts.items()}
+            errors = {name: error for name, (*_, error) in parts.items()}
+            values = tuple(self.parameters[point].tolist())
+            found.append(CurvePoint(label, values, self.ds["state"].values[point], numbers, errors, note))
+        return tuple(found)
 
     @property
     def names(self) -> tuple[str, str]:
@@ -323,6 +360,7 @@ def continue_event(
     nodes = [node._replace(label=event.label) for node in curve.nodes]
     call = {"function": "continue_event", "label": event.label}
     ds, _ = orbits_dataset(nodes, motions, scene, (own, other), call)
+    ds = ds.assign(curve_columns(curve, other.unit))
     return finished(OrbitCurve(ds.assign_attrs(label=event.label, ended=list(curve.ended))))
 
 
