@@ -279,7 +279,9 @@ class OrbitCurve(Result):
         """Ends and points of codimension two, in the order of the curve's points."""
         found = []
         names = ("label", "point", "coefficients", "note")
-        for label, point, texts, note in zip(*(self.ds[f"event_{name}"].values.tolist() for name in names)):
+        for label, point, texts, note in zip(
+            *(self.ds[f"event_{name}"].values.tolist() for name in names), strict=True
+        ):
             parts = json.loads(texts)
             numbers = {name: complex(real, imaginary) for name, (real, imaginary, _) in parts.items()}
             errors = {name: error for name, (*_, error) in parts.items()}
