@@ -278,10 +278,8 @@ class OrbitCurve(Result):
     def events(self) -> tuple[CurvePoint, ...]:
         """Ends and points of codimension two, in the order of the curve's points."""
         found = []
-        names = ("label", "point", "coefficients", "note")
-        for label, point, texts, note in zip(
-            *(self.ds[f"event_{name}"].values.tolist() for name in names), strict=True
-        ):
+        columns = (self.ds[f"event_{name}"].values.tolist() for name in ("label", "point", "coefficients", "note"))
+        for label, point, texts, note in zip(*columns, strict=True):
             parts = json.loads(texts)
             numbers = {name: complex(real, imaginary) for name, (real, imaginary, _) in parts.items()}
             errors = {name: error for name, (*_, error) in parts.items()}

@@ -184,7 +184,8 @@ def test_a_signal_while_nothing_is_found_is_not_waited_for_long():
 
 def test_events_are_followed_over_a_second_parameter(room, branch, replaced, tmp_path, capsys):
     """The curve of the file's flip, made by hand, with a point of codimension two."""
-    texts = {"label": ["EP", "GPD"], "point": [0, 1], "coefficients": ["{}", '{"e": [-0.125, 0.0, 0.01]}'], "note": "  "}
+    texts = {"label": ["EP", "GPD"], "point": [0, 1], "note": ["", ""]}
+    texts["coefficients"] = ["{}", '{"e": [-0.125, 0.0, 0.01]}']
     columns = {f"event_{name}": ("event", list(values)) for name, values in texts.items()}
     coords = {"speed": ("point", [1090.0, 1100.0]), "clearance": ("point", [1e-3, 2e-3])}
     attrs = dict(label="PD", varied='["speed", "clearance"]', ended=["bound", "bound"], orbit_period=1)
