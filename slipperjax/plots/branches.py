@@ -236,7 +236,7 @@ def plane(curves: object, attractors: object = None, ax: Axes | None = None) -> 
         else:
             {"kind": attractor_map, "regime": regime_map}[name](beneath, ax)
             ax.axis(ax.axis())  # only the area of the map is shown
-        marked = set()
+        marked = []
         for one in several:
             event = one.attrs["label"]
             period = int(one.attrs.get("orbit_period", 1))
@@ -248,23 +248,27 @@ def plane(curves: object, attractors: object = None, ax: Axes | None = None) -> 
             style = dict(color=colors[event], zorder=4)
             ax.plot(*joined(x, y[None], solid), lw=1.4, label=text, **style)
             ax.plot(*joined(x, y[None], ~solid), lw=1.1, ls=DASHED, **style)
-            marked |= _points_of(one, x, y)
-        for name, *at in sorted(marked):
+            marked += _points_of(one, x, y)
+        size = np.ptp([ax.get_xlim(), ax.get_ylim()], axis=1)
+        for k, (name, at) in enumerate(marked):
+            # curves that cross there share the point
+            if any(name == other and np.all(np.abs(at - place) < 1e-3 * size) for other, place in marked[:k]):
+                continue
             ax.plot(*at, ls="", marker="o", ms=3.6, mec="white", mew=0.6, color="black", zorder=6)
-            place = dict(xytext=(3, 3), textcoords="offset points", fontsize=6, zorder=6)
-            ax.annotate(name, at, annotation_clip=True, **place)
+            offset = dict(xytext=(3, 3), textcoords="offset points", fontsize=6, zorder=6)
+            box = dict(boxstyle="square,pad=0.1", fc="white", ec="none", alpha=0.7)
+            ax.annotate(name, at, bbox=box, annotation_clip=True, **offset)
         if any(np.any(one["outside"].values) for one in several):
             ax.plot([], [], color="black", lw=1.1, ls=DASHED, label="others outside, too")
     return ax
 
 
-def _points_of(ds: xr.Dataset, x: np.ndarray, y: np.ndarray) -> set[tuple[str, float, float]]:
-    """Return the points of codimension two of a curve: label and place, rounded, so that two curves share one."""
+def _points_of(ds: xr.Dataset, x: np.ndarray, y: np.ndarray) -> list[tuple[str, np.ndarray]]:
+    """Return label and place of each point of codimension two on a curve."""
     if "event_label" not in ds:
-        return set()
+        return []
     events = zip(ds["event_label"].values.astype(str), ds["event_point"].values, strict=True)
-    short = lambda value: float(f"{value:.6g}")
-    return {(name, short(x[k]), short(y[k])) for name, k in events if name in POINTS}
+    return [(name, np.array([x[k], y[k]])) for name, k in events if name in POINTS]
 
 
 def datasets_of(ds: object, source: str, *names: str, argument: str = "ds") -> list[xr.Dataset]:
