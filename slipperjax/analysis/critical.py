@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PyTree
 
-from ..tools.checks import instance, one_of
+from ..tools.checks import instance, one_of, require
 from ..tools.compile import call_compiled
 from ..tools.tracing import is_transformed
 from ..tools.types import Real
@@ -288,6 +288,8 @@ def continue_critical(
     if isinstance(state, Node):
         first = state
     else:
+        require(values is not None, "values", "be the values of both parameters", values)
+        assert values is not None
         z = equations.motions.unknowns(state, *values, *[angle] * equations.further)
         first = located(equations, z, jnp.zeros(z.size).at[size + 1].set(1.0), tolerance=tolerance)
     check_found("state", "a motion of the curve", first, tolerance)

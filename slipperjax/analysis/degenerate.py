@@ -6,7 +6,7 @@ product of both null vectors, or of the distance of the angle from a strong reso
 """
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -48,7 +48,7 @@ def others(label: str, node: Node) -> np.ndarray:
     return np.array(rest)
 
 
-def critical(label: str, node: Node) -> list[Number]:
+def critical(label: str, node: Node) -> Sequence[Number]:
     """Return the critical multipliers of a curve at a point, with the conjugate of a complex one."""
     (mu,) = CRITICAL[label]
     return [np.exp(1j * node.z[-1]), np.exp(-1j * node.z[-1])] if mu is None else [mu]

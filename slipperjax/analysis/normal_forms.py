@@ -209,8 +209,8 @@ def _chenciner(f: NormalForm) -> Coefficients:
 def _resonance_1(f: NormalForm) -> Coefficients:
     q, follow, p, back = f.chain()
     bend = f.derivative(q, q)
-    a = p @ bend / 2
-    b = p @ f.derivative(q, follow) + back @ bend
+    a = float(p @ bend / 2)
+    b = float(p @ f.derivative(q, follow) + back @ bend)
     return {"a": a, "b": b, "s": float(np.sign(a * (b - 2 * a)))}
 
 
@@ -221,8 +221,8 @@ def _resonance_2(f: NormalForm) -> Coefficients:
     h11 = bend(f.derivative(q, follow) + h20)
     h30 = f.derivative(q, q, q) + 3 * f.derivative(q, h20)
     h21 = f.derivative(q, q, follow) + f.derivative(follow, h20) + 2 * f.derivative(q, h11)
-    c = p @ h30 / 6
-    d = (p @ h21 + back @ h30) / 2
+    c = float(p @ h30 / 6)
+    d = float(p @ h21 + back @ h30) / 2
     return {"4c": 4 * c, "-2d-6c": -2 * d - 6 * c}
 
 
