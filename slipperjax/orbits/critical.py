@@ -21,6 +21,8 @@ from ..analysis.critical import (
     continue_critical,
     critical_motion,
 )
+from ..analysis.events import Event
+from ..analysis.normal_forms import normal_form
 from ..analysis.shooting import PeriodicMotions
 from ..analysis.step_error import with_step_error
 from ..flow.datasets import load_call, scene_attributes, varied_names
@@ -356,12 +358,54 @@ def continue_event(
             points=points,
             on_point=lambda node: count(node.z[motions.size]),
         )
+    curve = dataclasses.replace(
+        curve, events=tuple(_with_errors(one, motions, call["steps_per_period"]) for one in curve.events)
+    )
     # all points are at the event: the label marks their critical multipliers
     nodes = [node._replace(label=event.label) for node in curve.nodes]
     call = {"function": "continue_event", "label": event.label}
     ds, _ = orbits_dataset(nodes, motions, scene, (own, other), call)
     ds = ds.assign(curve_columns(curve, other.unit))
     return finished(OrbitCurve(ds.assign_attrs(label=event.label, ended=list(curve.ended))))
+
+
+def _with_errors(event: Event, motions: PeriodicMotions, steps: int) -> Event:
+    """Return a point of codimension two with the coefficients, and their errors, from more steps."""
+    if not event.coefficients:
+        return event
+    state = motions.state(jnp.asarray(event.node.z))
+    coefficients, stderr = _form(motions, state, event.values, event.label, steps)
+    return event._replace(coefficients=coefficients, stderr=jax.tree.map(float, stderr))
+
+
+def _form(
+    motions: PeriodicMotions, state: State, values: Sequence[Real], label: str, steps: int
+) -> tuple[dict, dict]:
+    """Return the coefficients of a normal form with many steps, and their errors."""
+
+    def with_steps(steps: int) -> dict[str, complex | float]:
+        family = dataclasses.replace(motions.family, stepping=dynamic_steps(steps))  # type: ignore[type-var]
+        return normal_form(dataclasses.replace(motions, family=family), state, values, label)
+
+    return with_step_error(with_steps, steps)
+
+
+def orbit_form(branch: OrbitBranch, event: BranchEvent) -> tuple[dict[str, complex], dict[str, float]]:
+    """Return the coefficients of the normal form at a fold of a branch, and their errors by the steps.
+
+    They are those of `slipperjax.analysis.normal_form`, at the event's orbit with three, six and twelve times the
+    steps of the branch.
+
+    **Arguments:** `event`: one of `branch.events`.
+
+    **Raises:** `ValueError` for flips and Neimark-Sackers, whose third derivatives the contacts do not have.
+    """
+    one_of("event", event.label, tuple(CRITICAL_MULTIPLIERS))
+    orbit = branch.orbit(event)
+    steps = load_call(branch.ds)["steps_per_period"]
+    options = dict(stepping=dynamic_steps(steps), solver=orbit.solver, period=branch.period)
+    motions = slipper_motions(branch.scene, (branch.parameter.name,), (1.0,), orbit.state, **options)
+    return _form(motions, orbit.state, (event.value,), event.label, steps)
 
 
 def _extreme_at(
