@@ -390,7 +390,7 @@ def _form(
     return with_step_error(with_steps, steps)
 
 
-def orbit_form(branch: OrbitBranch, event: BranchEvent) -> tuple[dict[str, complex], dict[str, float]]:
+def orbit_form(branch: OrbitBranch, event: BranchEvent) -> tuple[dict[str, complex | float], dict[str, float]]:
     """Return the coefficients of the normal form at a fold of a branch, and their errors by the steps.
 
     They are those of `slipperjax.analysis.normal_form`, at the event's orbit with three, six and twelve times the
