@@ -51,7 +51,7 @@ def others(label: str, node: Node) -> np.ndarray:
 def critical(label: str, node: Node) -> Sequence[Number]:
     """Return the critical multipliers of a curve at a point, with the conjugate of a complex one."""
     (mu,) = CRITICAL[label]
-    return [np.exp(1j * node.z[-1]), np.exp(-1j * node.z[-1])] if mu is None else [mu]
+    return [complex(np.exp(sign * 1j * node.z[-1])) for sign in (1, -1)] if mu is None else [mu]
 
 
 def _beside(label: str, mu: float) -> Test:

@@ -398,7 +398,7 @@ def orbit_form(branch: OrbitBranch, event: BranchEvent) -> tuple[dict[str, compl
 
     **Arguments:** `event`: one of `branch.events`.
 
-    **Raises:** `ValueError` for flips and Neimark-Sackers, whose third derivatives do not converge with shorter steps.
+    **Raises:** `ValueError` for flips and Neimark-Sackers, whose third derivatives do not converge with the steps.
     """
     one_of("event", event.label, tuple(CRITICAL_MULTIPLIERS))
     orbit = branch.orbit(event)
