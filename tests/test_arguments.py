@@ -101,6 +101,7 @@ NOT_ASKED = {
     "continue_event": ["branch"],
     "critical_motion": ["motions"],
     "event_sensitivities": ["branch"],
+    "orbit_form": ["branch"],
     "fit": ["measured", "solver"],
     "passing": ["branch"],
     "event_margins": ["cases", "design"],

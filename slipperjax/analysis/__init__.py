@@ -30,6 +30,7 @@ from .events import Event as Event
 from .floquet import jacobians as jacobians, largest_exponent as largest_exponent, multipliers as multipliers
 from .hybrid import impact_step as impact_step, return_step as return_step, switched_step as switched_step
 from .kinds import KINDS as KINDS, REGIMES as REGIMES, Regime as Regime, lasting as lasting
+from .leaving import switch_critical as switch_critical
 from .lyapunov import (
     LyapunovSpectrum as LyapunovSpectrum,
     dimension_standard_error as dimension_standard_error,
@@ -42,6 +43,7 @@ from .lyapunov import (
     weighted_mean as weighted_mean,
 )
 from .newton import AbstractEquations as AbstractEquations
+from .normal_forms import normal_form as normal_form
 from .ode import ode_spectrum as ode_spectrum, ode_step as ode_step
 from .shooting import (
     PeriodicMotions as PeriodicMotions,

@@ -42,15 +42,20 @@ class Branch:
     """Ends at the first and the last point."""
 
     @property
-    def parameters(self) -> dict[str, np.ndarray]:
-        """Values of each parameter, of shape (points,), by the names of the arguments of `family`."""
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters: of the arguments of `family`."""
+        return tuple(parameter_places(self.equations, self.nodes[0].z.size))
+
+    @property
+    def parameters(self) -> np.ndarray:
+        """Values of the parameters, of shape (points, parameters), in the order of `names`."""
         points = np.array([node.z for node in self.nodes])
-        return {name: points[:, k] for name, k in parameter_places(self.equations, points.shape[1]).items()}
+        return points[:, list(parameter_places(self.equations, points.shape[1]).values())]
 
     @property
     def values(self) -> np.ndarray:
         """Values of the last parameter, of shape (points,); see `parameters` for a curve over two parameters."""
-        return list(self.parameters.values())[-1]
+        return self.parameters[:, -1]
 
     @property
     def stable(self) -> np.ndarray:
@@ -161,7 +166,7 @@ def extend(
     tolerance: float = 1e-10,
     pace: Pace = Pace(),
     observe: Observe | None = None,
-    locate: bool = True,
+    search: type[EventSearch] = EventSearch,
     points: int = 400,
     until: Sequence[str] = (),
     on_point: Callable[[Node], object] | None = None,
@@ -170,8 +175,7 @@ def extend(
 
     **Arguments:** as for `continue_motion`, and
 
-    - `bounds`: of each unknown after the state. `locate`: whether events are located; not on a curve of events, where
-        the derivatives are second derivatives of the map and may be rough.
+    - `bounds`: of each unknown after the state. `search`: for events between two points.
     - `points`: most points in each direction. `until`: labels of events that end a direction.
     - `on_point`: called with each new point, to show progress.
     """
@@ -180,7 +184,7 @@ def extend(
     # the state's components have no bounds
     free = [(-np.inf, np.inf)] * (branch.nodes[0].z.size - len(bounds))
     low, high = np.transpose([*free, *map(checked_bounds, bounds)])
-    search = EventSearch(branch.equations, observe, tolerance)
+    finder = search(branch.equations, observe, tolerance)
     interrupted = False
     # extend the last end, turn the branch, extend the other end, and turn the branch back
     for _ in range(2):
@@ -188,8 +192,8 @@ def extend(
         last = branch.nodes[-1]
         wider = end.reason == "bound" and np.all((low < last.z) & (last.z < high))
         if not interrupted and (wider or end.reason in ("count", "event", "interrupted")):
-            walk = Walk(branch.equations, last, low, high, pace, tolerance, end.step, smooth=locate)
-            branch = _extended(branch, walk, search, points, until, on_point)
+            walk = Walk(branch.equations, last, low, high, pace, tolerance, end.step, smooth=search.smooth)
+            branch = _extended(branch, walk, finder, points, until, on_point)
             interrupted = branch.ends[1].reason == "interrupted"
         branch = branch.turned()
     return branch
@@ -205,14 +209,14 @@ def _extended(branch, walk, search, most, until, on_point):
     limit = len(nodes) + most
     reason = ""
     # the unknowns may end with an angle
-    place = list(parameter_places(branch.equations, nodes[-1].z.size).values())[-1]
+    places = tuple(parameter_places(branch.equations, nodes[-1].z.size).values())
     begin = 0
 
     def passed(point: Node) -> str:
         """Add a point, and the events before it; return the reason why the branch ends here, if any."""
         last = nodes[-1]
         new = observed(point, search.observe)
-        between = search.between(last, new) if walk.smooth else []
+        between = search.between(last, new)
         events.extend(between)
         nodes.extend(event.node for event in between)
         # the first points are near the start because the walk begins there
@@ -232,7 +236,7 @@ def _extended(branch, walk, search, most, until, on_point):
         while not reason:
             reason = next(filter(None, map(passed, walk)), "") or walk.ended
             if reason == "no convergence":
-                event, beyond = end_without_convergence(walk, nodes[begin:], place)
+                event, beyond = end_without_convergence(walk, nodes[begin:], places)
                 events.append(event)
                 nodes[-1] = event.node
                 if beyond is not None:
@@ -244,9 +248,9 @@ def _extended(branch, walk, search, most, until, on_point):
     except KeyboardInterrupt:
         reason = "interrupted"
     if reason == "bound":
-        value = float(nodes[-1].z[place])
+        value = float(nodes[-1].z[places[-1]])
         nodes[-1] = nodes[-1]._replace(label="EP")
-        events.append(Event("EP", nodes[-1], value, value, True, place=place))
+        events.append(Event("EP", nodes[-1], value, value, True, places=places))
     back = branch.ends[0]
     if reason == "closed":
         # a closed curve has no rest to follow from its start

@@ -10,7 +10,7 @@ vectors, so that second derivatives of the map are needed along only one directi
 """
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import equinox as eqx
 import jax
@@ -18,13 +18,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PyTree
 
-from ..tools.checks import instance, one_of
+from ..tools.checks import instance, one_of, require
 from ..tools.compile import call_compiled
 from ..tools.tracing import is_transformed
 from ..tools.types import Real
-from .arclength import Pace, check_within, checked_bounds, correct
+from .arclength import Node, Pace, check_within, checked_bounds, correct
 from .continuation import Branch, begun, check_found, extend
-from .events import observed, resonance
+from .degenerate import PointSearch, resonant_end
+from .events import Event, EventSearch, observed, resonance
 from .floquet import product, solve
 from .newton import AbstractEquations, Linearisation, NullVectors, newton, without_derivatives
 from .shooting import PeriodicMotions, Shot
@@ -245,13 +246,23 @@ def _updated(equations: ConditionedMotions, static: tuple, z: Array):
     return equations.condition.update(motions.state(z), *motions.values(z))  # type: ignore[attr-defined]
 
 
+class _Unsearched(EventSearch):
+    """No search for events, on curves of motions with a condition."""
+
+    smooth = False
+
+    def between(self, a: Node, b: Node) -> list[Event]:
+        return []
+
+
 def continue_critical(
     equations: CriticalMotions | ConditionedMotions,
-    state: PyTree,
-    values: tuple[Real, Real],
+    state: PyTree | Node,
+    values: tuple[Real, Real] | None,
     bounds: tuple[tuple[float, float], tuple[float, float]],
     *,
     angle: Real = 0.0,
+    ways: Sequence[int] = (1, -1),
     tolerance: float = 1e-10,
     pace: Pace = Pace(),
     **options: object,
@@ -260,43 +271,69 @@ def continue_critical(
 
     **Arguments:** `equations`: of motions with two parameters, for critical motions
     `CriticalMotions.of(motions, label)`; `state`, `values`: first guess of a motion of the curve, whose second value
-    is kept fixed; `angle`: first guess of the multiplier's angle [rad], for "NS"; `bounds`: of both parameters;
-    `tolerance`, `pace`: as for `continue_motion`; `options`: `points` and `on_point` of `extend`.
+    is kept fixed, or a point of `switch_critical` and None; `angle`: first guess of the multiplier's angle [rad], for
+    "NS"; `bounds`: of both parameters; `ways`, `tolerance`, `pace`: as for `continue_motion`; `options`: `points`,
+    `until` and `on_point` of `extend`.
 
-    **Returns:** a `Branch` without events at bifurcations. A curve of Neimark-Sackers ends inside the bounds at the
-    strong resonances 1:1 and 1:2, where the complex pair becomes real and curves of folds and flips pass. The reason
-    of this end is "strong resonance 1:1", for example.
+    **Returns:** a `Branch`. The `events` of critical motions are the points of codimension two, with their `values`,
+    `state` and `coefficients`, see `normal_form`. A curve of Neimark-Sackers ends inside the bounds at the strong
+    resonances 1:1 and 1:2, where the complex pair becomes real and curves of folds and flips pass. The reason of this
+    end is "strong resonance 1:1", for example.
 
     **Raises:** `ValueError` where there is no such motion near the start, or where the bounds do not contain it.
     """
     instance("equations", equations, (CriticalMotions, ConditionedMotions), "CriticalMotions or ConditionedMotions")
     size = equations.motions.size
     limits = [checked_bounds(pair) for pair in bounds]
-    angles = [angle] * equations.further
-    z = equations.motions.unknowns(state, *values, *angles)
-    row = jnp.zeros(z.size).at[size + 1].set(1.0)
-    # The borders become null vectors at the start. With zero iterations `correct` only evaluates the equations; its
-    # program is needed later in any case.
-    for _ in range(BORDER_UPDATES):
-        equations = equations.update(z, correct(equations, z, row, tolerance=tolerance, iterations=0).null_vectors)
-    first = correct(equations, z, row, tolerance=tolerance, iterations=20)
+    if isinstance(state, Node):
+        first = state
+    else:
+        require(values is not None, "values", "be the values of both parameters", values)
+        assert values is not None
+        z = equations.motions.unknowns(state, *values, *[angle] * equations.further)
+        first = located(equations, z, jnp.zeros(z.size).at[size + 1].set(1.0), tolerance=tolerance)
     check_found("state", "a motion of the curve", first, tolerance)
     for value, pair in zip(first.z[size:], limits, strict=False):
         check_within("values", value, pair)
-    if angles:
+    if equations.further:
         # At the angles 0 and pi the equations hold on whole curves of folds and flips. Therefore the curve ends 1e-3
         # before these angles; the error of the parameters there is the square of this distance.
         pair = np.pi * np.floor(first.z[-1] / np.pi) + [1e-3, np.pi - 1e-3]
         limits.append(tuple(pair))
-    begin = begun(equations.update(first.z, first.null_vectors), observed(first, None), pace)
-    curve = extend(begin, *limits, tolerance=tolerance, pace=pace, locate=False, **options)
-    if not angles:
+    begin = begun(equations.update(first.z, first.null_vectors), observed(first, None), pace, ways)
+    search = PointSearch if isinstance(equations, CriticalMotions) else _Unsearched
+    curve = extend(begin, *limits, tolerance=tolerance, pace=pace, search=search, **options)
+    # both ends in turn
+    for _ in range(2):
+        curve = _resonant(curve, bounds, tolerance).turned() if equations.further else curve
+    return curve
+
+
+def located(
+    equations: CriticalMotions | ConditionedMotions, z: Array, row: Array, near: Array | None = None, **options: float
+) -> Node:
+    """Return the point of a curve near `z` on the plane across `row`; equations with arbitrary borders converge, too.
+
+    **Arguments:** `near`, `options`: as for `correct`.
+    """
+    # The borders become null vectors at the start. With zero iterations `correct` only evaluates the equations; its
+    # program is needed later in any case.
+    for _ in range(BORDER_UPDATES):
+        equations = equations.update(z, correct(equations, z, row, near, iterations=0, **options).null_vectors)
+    return correct(equations, z, row, near, iterations=20, **options)
+
+
+def _resonant(curve: Branch, bounds: tuple[tuple[float, float], tuple[float, float]], tolerance: float) -> Branch:
+    """Return a curve of Neimark-Sackers with its last point at the strong resonance where the pair becomes real."""
+    *nodes, last = curve.nodes
+    back, end = curve.ends
+    # the curve ends within the parameters' bounds, at the bound of the angle
+    inside = all(low < value < high for value, (low, high) in zip(curve.parameters[-1], bounds, strict=True))
+    near_to = resonance(last.z[-1])
+    if not (inside and near_to in ("1:1", "1:2") and end.reason in ("bound", "no convergence")):
         return curve
-    ends = []
-    for end, node in zip(curve.ends, (curve.nodes[0], curve.nodes[-1]), strict=True):
-        # the curve ends within the parameters' bounds, at the bound of the angle, where the pair becomes real
-        inside = all(low < value < high for value, (low, high) in zip(node.z[size:], bounds, strict=False))
-        near_to = resonance(node.z[-1])
-        became_real = inside and near_to and end.reason in ("bound", "no convergence")
-        ends.append(end._replace(reason=f"strong resonance {near_to}") if became_real else end)
-    return dataclasses.replace(curve, ends=tuple(ends))
+    event = resonant_end(curve.equations, last, tolerance)
+    # in place of the end at the bound
+    events = *curve.events[:-1], event
+    ends = back, end._replace(reason=f"strong resonance {near_to}")
+    return dataclasses.replace(curve, nodes=(*nodes, event.node), events=events, ends=ends)

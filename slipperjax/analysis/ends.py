@@ -53,18 +53,19 @@ def _touch_of(equations: AbstractEquations, node: Node) -> _Touch | None:
     return jax.device_get(call_compiled(_touch, equations, (), jnp.asarray(node.z)))
 
 
-def end_without_convergence(walk: Walk, nodes: Sequence[Node], place: int) -> tuple[Event, Node | None]:
+def end_without_convergence(walk: Walk, nodes: Sequence[Node], places: tuple[int, ...]) -> tuple[Event, Node | None]:
     """Return the event at the last of some points, after which no step converges. Also return the first point beyond
     the event from which the branch continues, if any.
 
-    **Arguments:** `place`: of the parameter among the unknowns.
+    **Arguments:** `places`: of the parameters among the unknowns.
     """
     last = nodes[-1]
+    place = places[-1]
     value = float(last.z[place])
 
     def found(label: str, note: str, other: float = value, known: bool = False) -> Event:
         bounds = min(value, other), max(value, other)
-        return Event(label, last._replace(label=label), *bounds, known, note=note, place=place)
+        return Event(label, last._replace(label=label), *bounds, known, note=note, places=places)
 
     touch = lambda node: _touch_of(walk.equations, node)
     if len(nodes) > 1 and (before := touch(nodes[-2])) and (now := touch(last)):

@@ -1,7 +1,7 @@
 """Events between two points of a branch of periodic motions: the multipliers show them, and a search locates them."""
 
 import contextlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -46,7 +46,7 @@ class Event(NamedTuple):
     """A bifurcation, grazing or end point of a branch."""
 
     label: str
-    """One of `MEANINGS`."""
+    """One of `MEANINGS`; on curves over two parameters also of `slipperjax.analysis.degenerate.POINTS`."""
     node: Node
     low: float
     """Lower bound of the parameter's value at the event; `high`: upper bound."""
@@ -57,13 +57,27 @@ class Event(NamedTuple):
     note: str = ""
     change: tuple[int, ...] = ()
     """Changes of `Observation.counts` at a grazing, along the branch."""
-    place: int = -1
-    """Place of the last parameter among the unknowns."""
+    places: tuple[int, ...] = (-1,)
+    """Places of the parameters among the unknowns."""
+    coefficients: Mapping[str, complex | float] = {}
+    """Coefficients of the normal form, by the names of the field; empty where they are not computed."""
+    stderr: Mapping[str, float] = {}
+    """Errors of the coefficients by the steps of an integration; empty for maps."""
+
+    @property
+    def values(self) -> tuple[float, ...]:
+        """Values of all parameters at the event."""
+        return tuple(float(self.node.z[place]) for place in self.places)
 
     @property
     def value(self) -> float:
         """Value of the parameter at the event, of several parameters the last."""
-        return float(self.node.z[self.place])
+        return self.values[-1]
+
+    @property
+    def state(self) -> np.ndarray:
+        """Numbers of the state at the event."""
+        return np.asarray(self.node.z[: self.places[0]])
 
 
 def observed(node: Node, observe: Observe | None) -> Node:
@@ -96,6 +110,9 @@ def changes(one: Node, other: Node, conserved: bool = False) -> list[str]:
 
 class EventSearch(NamedTuple):
     """Search for events between two points of a branch, by halving the step between them."""
+
+    smooth = True
+    """Whether the equations have smooth derivatives, see `Walk`."""
 
     equations: AbstractEquations
     observe: Observe | None

@@ -159,6 +159,8 @@ class PeriodicMotions(AbstractEquations):
     """Makes proposed states consistent, see `Consistent`; None leaves them."""
     lengths: Real = 1.0
     """Divisors of the state's weights in lengths along a curve; infinite for components that do not count."""
+    derivatives: int = eqx.field(static=True, default=5)
+    """Order of the highest derivatives of the map that exist and are needed; at most five are."""
 
     @property
     def size(self) -> int:
@@ -183,12 +185,15 @@ class PeriodicMotions(AbstractEquations):
         """Return the map at a point."""
         return self.family(*self.values(z))
 
-    def mapped(self, z: Array) -> Array:
-        """Return the state after the intervals, as one array. Pure."""
+    def flow(self, z: Array) -> Callable[[PyTree], PyTree]:
+        """Return the function of a state that is the state after the intervals. Pure."""
         step = self.step(z)
         ks = jnp.arange(float(self.intervals))
-        run = lambda state: jax.lax.scan(lambda s, k: (step(s, k), None), state, ks)[0]
-        return ravel_pytree(in_one_kernel(run, self.state(z)))[0]
+        return lambda state: jax.lax.scan(lambda s, k: (step(s, k), None), state, ks)[0]
+
+    def mapped(self, z: Array) -> Array:
+        """Return the state after the intervals, as one array. Pure."""
+        return ravel_pytree(in_one_kernel(self.flow(z), self.state(z)))[0]
 
     def evaluate(self, z: Array) -> Linearisation:
         size = self.size

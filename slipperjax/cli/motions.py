@@ -142,6 +142,11 @@ def _is_missed(motion: "PeriodicOrbit") -> bool:
     "on in their names; repeat for both.",
     multiple=True,
 )
+@bounds(
+    "--two",
+    "Second parameter and its bounds: also follow every fold, flip and Neimark-Sacker of the branch over both, into "
+    "files with _PD1 and so on in their names, and print the points of codimension two.",
+)
 @option("--brute", FILE, "netCDF file of slipperjax bifurcation, drawn beneath the branches.")
 @option(
     "--quantity",
@@ -152,7 +157,7 @@ def _is_missed(motion: "PeriodicOrbit") -> bool:
 @result("branch")
 @takes_case
 def follow_branch(
-    case: Case, over, source, period, transient, points, switch, brute, quantity, out: Sequence[Path]
+    case: Case, over, source, period, transient, points, switch, two, brute, quantity, out: Sequence[Path]
 ) -> int:
     """Follow a periodic motion, stable or not, as a parameter changes, and locate folds, flips and grazings."""
     from ..plots.branches import check_brute, check_quantity
@@ -167,6 +172,7 @@ def follow_branch(
         raise ValueError("Option --over must be given, or --from.")
     # checked before anything long is begun
     check_quantity(quantity)
+    second = None if two is None else make_bounds("--two", case.scene, *two)
     beneath = None if brute is None else load(brute).ds
     if beneath is not None:
         check_brute(beneath, parameter.name, quantity)
@@ -189,6 +195,8 @@ def follow_branch(
     picture = dict(quantity=quantity, brute=beneath)
     said(*branch.summary(), text, files.write(branch, **picture))
     drawn.append(branch)
+    if second is not None:
+        _follow_events(branch, second, files, points)
     # branches that begin at events are drawn together with earlier branches
     for label in sorted(set(switch)):
         for number, event in enumerate(branch.events_named(label), 1):
@@ -206,6 +214,24 @@ def follow_branch(
             said(own.write(other, drawn=False), other.write(*files.pictures, others=tuple(drawn), **picture))
             drawn.append(other)
     return 0
+
+
+def _follow_events(
+    branch: "OrbitBranch", second: tuple[Parameter, tuple[float, float]], files: Outputs, points: int | None
+) -> None:
+    """Follow the folds, flips and Neimark-Sackers of a branch over its own and a second parameter."""
+    from ..analysis.critical import CRITICAL_MULTIPLIERS
+    from ..orbits.critical import continue_event
+
+    quantity, ends = second
+    most = {} if points is None else dict(points=points)
+    for label in CRITICAL_MULTIPLIERS:
+        for number, event in enumerate(branch.events_named(label), 1):
+            own = files.named(f"_{label}{number}")
+            with keeping(own.keep):
+                follow = partial(continue_event, branch, event, quantity.name, ends, progress=True, **most)
+                curve = on_thread(follow, BRANCH_PATIENCE)
+            said(*curve.summary(), own.write(curve))
 
 
 def _from_case(

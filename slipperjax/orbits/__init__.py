@@ -2,10 +2,12 @@
 
 from .branches import BranchEvent as BranchEvent, OrbitBranch as OrbitBranch
 from .critical import (
+    CurvePoint as CurvePoint,
     OrbitCurve as OrbitCurve,
     continue_event as continue_event,
     critical_orbit as critical_orbit,
     event_sensitivities as event_sensitivities,
+    orbit_form as orbit_form,
 )
 from .own_branches import branch_result as branch_result
 from .periodic import PeriodicOrbit as PeriodicOrbit

@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses
 import functools
+import json
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
@@ -380,6 +381,20 @@ def event_columns(
         own = unit if name in ("value", "low", "high") else "1"
         data[f"event_{name}"] = column("event", np.array([row[k] for row in rows], kind), own, text)
     return data
+
+
+def curve_columns(curve: Branch, unit: str) -> dict[str, tuple]:
+    """Return the variables of `event_columns` and the coefficients of normal forms, each with its error, as JSON."""
+    texts = []
+    for event in curve.events:
+        parts = lambda name, event=event: (
+            np.real(event.coefficients[name]),
+            np.imag(event.coefficients[name]),
+            event.stderr.get(name, 0.0),
+        )
+        texts.append(json.dumps({name: [float(part) for part in parts(name)] for name in event.coefficients}))
+    text = "coefficients of the normal form: real part, imaginary part and error, by name"
+    return event_columns(curve, unit) | {"event_coefficients": column("event", texts, "1", text)}
 
 
 def _note(event: Event, names: Sequence[str]) -> str:

@@ -2,8 +2,9 @@
 
 import dataclasses
 import functools
+import json
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import equinox as eqx
 import jax
@@ -20,6 +21,8 @@ from ..analysis.critical import (
     continue_critical,
     critical_motion,
 )
+from ..analysis.events import Event
+from ..analysis.normal_forms import normal_form
 from ..analysis.shooting import PeriodicMotions
 from ..analysis.step_error import with_step_error
 from ..flow.datasets import load_call, scene_attributes, varied_names
@@ -40,6 +43,7 @@ from .branches import (
     OrbitBranch,
     bounds_of,
     counted,
+    curve_columns,
     finished,
     orbits_dataset,
 )
@@ -240,6 +244,23 @@ class GapExtreme(eqx.Module):
         return cubic.value(x), k + (n + x) / steps
 
 
+class CurvePoint(NamedTuple):
+    """A point of codimension two, or an end, of a curve of orbits."""
+
+    label: str
+    """One of `slipperjax.analysis.degenerate.POINTS`, or "EP" or "MX" at an end."""
+    values: tuple[float, ...]
+    """Values of both parameters [their SI units]."""
+    state: np.ndarray
+    """All numbers of the state."""
+    coefficients: dict[str, complex]
+    """Coefficients of the normal form, see `slipperjax.analysis.normal_form`; empty where there are none."""
+    stderr: dict[str, float]
+    """Errors of the coefficients by the steps."""
+    note: str
+    """Reason why there are no coefficients."""
+
+
 class OrbitCurve(Result):
     """Orbits with one event, along a curve in the plane of two parameters: a dataset along `point` with both
     parameters, `state`, `multiplier_real` and `multiplier_imag` [1], and `outside`, the number of multipliers outside
@@ -249,6 +270,24 @@ class OrbitCurve(Result):
     def label(self) -> str:
         """Event: "LP", "PD", "NS" or "GR"."""
         return self.ds.attrs["label"]
+
+    @property
+    def parameters(self) -> np.ndarray:
+        """Values of both parameters [their SI units], of shape (points, 2)."""
+        return np.column_stack([self.ds[name].values for name in self.names])
+
+    @property
+    def events(self) -> tuple[CurvePoint, ...]:
+        """Ends and points of codimension two, in the order of the curve's points."""
+        found = []
+        columns = (self.ds[f"event_{name}"].values.tolist() for name in ("label", "point", "coefficients", "note"))
+        for label, point, texts, note in zip(*columns, strict=True):
+            parts = json.loads(texts)
+            numbers = {name: complex(real, imaginary) for name, (real, imaginary, _) in parts.items()}
+            errors = {name: error for name, (*_, error) in parts.items()}
+            values = tuple(self.parameters[point].tolist())
+            found.append(CurvePoint(label, values, self.ds["state"].values[point], numbers, errors, note))
+        return tuple(found)
 
     @property
     def names(self) -> tuple[str, str]:
@@ -319,11 +358,54 @@ def continue_event(
             points=points,
             on_point=lambda node: count(node.z[motions.size]),
         )
+    curve = dataclasses.replace(
+        curve, events=tuple(_with_errors(one, motions, call["steps_per_period"]) for one in curve.events)
+    )
     # all points are at the event: the label marks their critical multipliers
     nodes = [node._replace(label=event.label) for node in curve.nodes]
     call = {"function": "continue_event", "label": event.label}
     ds, _ = orbits_dataset(nodes, motions, scene, (own, other), call)
+    ds = ds.assign(curve_columns(curve, other.unit))
     return finished(OrbitCurve(ds.assign_attrs(label=event.label, ended=list(curve.ended))))
+
+
+def _with_errors(event: Event, motions: PeriodicMotions, steps: int) -> Event:
+    """Return a point of codimension two with the coefficients, and their errors, from more steps."""
+    if not event.coefficients:
+        return event
+    state = motions.state(jnp.asarray(event.node.z))
+    coefficients, stderr = _form(motions, state, event.values, event.label, steps)
+    return event._replace(coefficients=coefficients, stderr=jax.tree.map(float, stderr))
+
+
+def _form(
+    motions: PeriodicMotions, state: State, values: Sequence[Real], label: str, steps: int
+) -> tuple[dict, dict]:
+    """Return the coefficients of a normal form with many steps, and their errors."""
+
+    def with_steps(steps: int) -> dict[str, complex | float]:
+        family = dataclasses.replace(motions.family, stepping=dynamic_steps(steps))  # type: ignore[type-var]
+        return normal_form(dataclasses.replace(motions, family=family), state, values, label)
+
+    return with_step_error(with_steps, steps)
+
+
+def orbit_form(branch: OrbitBranch, event: BranchEvent) -> tuple[dict[str, complex | float], dict[str, float]]:
+    """Return the coefficients of the normal form at a fold of a branch, and their errors by the steps.
+
+    They are those of `slipperjax.analysis.normal_form`, at the event's orbit with three, six and twelve times the
+    steps of the branch.
+
+    **Arguments:** `event`: one of `branch.events`.
+
+    **Raises:** `ValueError` for flips and Neimark-Sackers, whose third derivatives do not converge with the steps.
+    """
+    one_of("event", event.label, tuple(CRITICAL_MULTIPLIERS))
+    orbit = branch.orbit(event)
+    steps = load_call(branch.ds)["steps_per_period"]
+    options = dict(stepping=dynamic_steps(steps), solver=orbit.solver, period=branch.period)
+    motions = slipper_motions(branch.scene, (branch.parameter.name,), (1.0,), orbit.state, **options)
+    return _form(motions, orbit.state, (event.value,), event.label, steps)
 
 
 def _extreme_at(

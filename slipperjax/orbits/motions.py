@@ -58,7 +58,10 @@ def slipper_motions(
     motion = len(MOTION_NUMBERS)
     lengths = jnp.full(size, jnp.inf).at[:motion].set(np.sqrt(motion) / share)
     scale = tangent_weights(scene)
-    return PeriodicMotions(path, like, jnp.asarray(reach, float), scale, period, consistent_state, lengths)
+    reach = jnp.asarray(reach, float)
+    # A force as the indentation to the power 1.5 has third derivatives that grow without bound at a touchdown, and
+    # with them those of the steps, the more the shorter the steps are.
+    return PeriodicMotions(path, like, reach, scale, period, consistent_state, lengths, derivatives=2)
 
 
 def consistent_memory(scene: Scene, proposed: State, mapped: State) -> State:

@@ -1,7 +1,7 @@
 """Pictures: trajectories, bifurcations, branches, exponents, regime maps, designs, sections, sleds,
 environments and animations."""
 
-from .branches import branches as branches, event_curves as event_curves, multiplier_circle as multiplier_circle
+from .branches import branches as branches, multiplier_circle as multiplier_circle, plane as plane
 from .comparisons import comparison as comparison
 from .designs import design_margins as design_margins, design_overview as design_overview
 from .environment import vibration as vibration

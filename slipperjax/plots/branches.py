@@ -8,6 +8,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 
+from ..analysis.degenerate import POINTS
 from ..analysis.events import MEANINGS
 from ..flow.datasets import varied_names
 from ..model.parameters import START
@@ -187,19 +188,20 @@ def multiplier_circle(ds: object, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def event_curves(ds: object, regimes: xr.Dataset | None = None, ax: Axes | None = None) -> Axes:
-    """Draw curves of folds, flips, Neimark-Sacker points and grazings over two parameters.
+def plane(curves: object, attractors: object = None, ax: Axes | None = None) -> Axes:
+    """Draw curves of folds, flips, Neimark-Sacker points and grazings over two parameters, with their points of
+    codimension two.
 
     A curve is solid where all other multipliers are inside the unit circle, so that the motion of simulations changes
     there, and dashed elsewhere.
 
     **Arguments:**
 
-    - `ds`: one curve or several, results of `continue_event` or their datasets: along `point`, with two coordinates
-        named by the attribute `varied`, the attribute `label` and the variable `outside`, the number of other
-        multipliers outside the unit circle.
-    - `regimes`: over the same parameters, drawn beneath; only its area is shown then. From `lyapunov_sweep`, as for
-        `regime_map`, or as for `attractor_map`.
+    - `curves`: one curve or several, results of `continue_event`, `branch_result` for your own system, or their
+        datasets: along `point`, with two coordinates named by the attribute `varied`, the attribute `label` and the
+        variable `outside`, the number of other multipliers outside the unit circle.
+    - `attractors`: over the same parameters, drawn beneath; only its area is shown then. From `lyapunov_sweep`, as
+        for `regime_map`, or as for `attractor_map`.
     - `ax`: the Axes to draw into; default the Axes of a new figure, with the fixed parameters as its title.
 
     **Returns:** the Axes, with the first parameter upwards, or as in the regime map.
@@ -208,32 +210,34 @@ def event_curves(ds: object, regimes: xr.Dataset | None = None, ax: Axes | None 
     """
     # black, and colours that differ clearly from a regime map
     colors = {"LP": "black", "PD": "#2a9d6f", "NS": "#7b4ea3", "GR": "#e07a1f"}
-    curves = datasets_of(ds, "continue_event", "outside")
-    over = varied_names(curves[0])
-    for one in curves:
+    several = datasets_of(curves, "continue_event", "outside", argument="curves")
+    over = varied_names(several[0])
+    for one in several:
         event = one.attrs.get("label")
         names = varied_names(one)
         # with a known label, and over the same plane as the first
         good = event in colors and len(names) == 2 and set(names) == set(over)
         need = f"be curves of {', '.join(colors)} over the same two parameters"
-        require(good, "ds", need, shown=f"of {event} over {' and '.join(names)}")
-    if regimes is not None:
-        regimes = check_dataset(regimes, "lyapunov_sweep")
+        require(good, "curves", need, shown=f"of {event} over {' and '.join(names)}")
+    beneath = None
+    if attractors is not None:
+        beneath = check_dataset(attractors, "lyapunov_sweep", argument="attractors")
         # attractors without exponents
-        name = "kind" if "kind" in regimes and "regime" not in regimes else "regime"
-        own = swept(check_dataset(regimes, "lyapunov_sweep", name)[name], count=2)
+        name = "kind" if "kind" in beneath and "regime" not in beneath else "regime"
+        own = swept(check_dataset(beneath, "lyapunov_sweep", name, argument="attractors")[name], count=2)
         need = f"be swept over {' and '.join(over)}, as the curves are"
-        require(set(own) == set(over), "regimes", need, shown=f"over {' and '.join(own)}")
+        require(set(own) == set(over), "attractors", need, shown=f"over {' and '.join(own)}")
         over = own
-    with drawing(ax, curves[0] if regimes is None else regimes, 3.5, 3.3 if regimes is None else 3.9) as ax:
-        if regimes is None:
-            up, across = (label(shown(curves[0], name)) for name in over)
+    with drawing(ax, several[0] if beneath is None else beneath, 3.5, 3.3 if beneath is None else 3.9) as ax:
+        if beneath is None:
+            up, across = (label(shown(several[0], name)) for name in over)
             ax.set(xlabel=across, ylabel=up)
             ax.margins(0.05)
         else:
-            {"kind": attractor_map, "regime": regime_map}[name](regimes, ax)
+            {"kind": attractor_map, "regime": regime_map}[name](beneath, ax)
             ax.axis(ax.axis())  # only the area of the map is shown
-        for one in curves:
+        marked = []
+        for one in several:
             event = one.attrs["label"]
             period = int(one.attrs.get("orbit_period", 1))
             text = f"{event} {EVENT_NAMES[event]}" + f" of period {period}" * (period > 1)
@@ -244,9 +248,27 @@ def event_curves(ds: object, regimes: xr.Dataset | None = None, ax: Axes | None 
             style = dict(color=colors[event], zorder=4)
             ax.plot(*joined(x, y[None], solid), lw=1.4, label=text, **style)
             ax.plot(*joined(x, y[None], ~solid), lw=1.1, ls=DASHED, **style)
-        if any(np.any(one["outside"].values) for one in curves):
+            marked += _points_of(one, x, y)
+        size = np.ptp([ax.get_xlim(), ax.get_ylim()], axis=1)
+        for k, (name, at) in enumerate(marked):
+            # curves that cross there share the point
+            if any(name == other and np.all(np.abs(at - place) < 1e-3 * size) for other, place in marked[:k]):
+                continue
+            ax.plot(*at, ls="", marker="o", ms=3.6, mec="white", mew=0.6, color="black", zorder=6)
+            offset = dict(xytext=(3, 3), textcoords="offset points", fontsize=6, zorder=6)
+            box = dict(boxstyle="square,pad=0.1", fc="white", ec="none", alpha=0.7)
+            ax.annotate(name, at, bbox=box, annotation_clip=True, **offset)
+        if any(np.any(one["outside"].values) for one in several):
             ax.plot([], [], color="black", lw=1.1, ls=DASHED, label="others outside, too")
     return ax
+
+
+def _points_of(ds: xr.Dataset, x: np.ndarray, y: np.ndarray) -> list[tuple[str, np.ndarray]]:
+    """Return label and place of each point of codimension two on a curve."""
+    if "event_label" not in ds:
+        return []
+    events = zip(ds["event_label"].values.astype(str), ds["event_point"].values, strict=True)
+    return [(name, np.array([x[k], y[k]])) for name, k in events if name in POINTS]
 
 
 def datasets_of(ds: object, source: str, *names: str, argument: str = "ds") -> list[xr.Dataset]:

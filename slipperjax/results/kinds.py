@@ -8,7 +8,7 @@ import pandas as pd
 import xarray as xr
 
 from ..flow.datasets import function_of
-from ..plots.branches import branches, event_curves
+from ..plots.branches import branches, plane
 from ..plots.comparisons import comparison
 from ..plots.designs import design_overview
 from ..plots.environment import vibration
@@ -49,7 +49,7 @@ KINDS: dict[str, Kind] = {
     "simulate": Kind(motions.summary, motions.tables, overview),
     "periodic_orbit": Kind(motions.orbit_summary, motions.orbit_tables, overview),
     "continue_orbit": BRANCH,
-    "continue_event": Kind(motions.curve_summary, motions.points_tables, event_curves),
+    "continue_event": Kind(motions.curve_summary, motions.points_tables, plane),
     "continue_motion": BRANCH._replace(plot=partial(branches, quantity="state_0")),
     "sweep": SWEEP,
     "follow": SWEEP,

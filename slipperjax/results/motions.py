@@ -1,9 +1,12 @@
 """Texts and tables of motions: simulated motions, periodic orbits, branches of orbits, and curves of their events."""
 
+import json
+
 import numpy as np
 import pandas as pd
 import xarray as xr
 
+from ..analysis.degenerate import POINTS
 from ..flow.datasets import scene_of, varied_names
 from ..flow.status import Status, is_lost, step_error
 from ..model.scene import travel_unit
@@ -123,7 +126,21 @@ def curve_summary(ds: xr.Dataset, units: Units = None) -> list[str]:
     names = varied_names(ds)
     at = lambda k: ", ".join(f"{ds[name].values[k]:.6g}" for name in names)
     first, last = (f"({at(k)}: {ds.attrs['ended'][k] or 'start'})" for k in (0, -1))
-    return [
+    lines = [
         f"{ds.attrs['label']} of period {ds.attrs['orbit_period']} over {' and '.join(names)}: "
         f"{ds.sizes['point']} points, from {first} to {last}"
     ]
+    if "event_coefficients" not in ds:
+        return lines
+    columns = (ds[f"event_{name}"].values.tolist() for name in ("label", "point", "coefficients", "note"))
+    for name, point, coefficients, note in zip(*columns, strict=True):
+        if name in POINTS:
+            texts = [f"{key} = {number(*parts)}" for key, parts in json.loads(coefficients).items()]
+            lines.append(f"  {name} at ({at(point)}): {', '.join(texts) or note}")
+    return lines
+
+
+def number(real: float, imaginary: float, error: float) -> str:
+    """Return a coefficient of a normal form as a text, with its error where it has one."""
+    text = f"{real:.6g}" + (f"{imaginary:+.6g}i" if imaginary else "")
+    return f"{text} +- {error:.1g}" if error else text

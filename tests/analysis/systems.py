@@ -267,3 +267,43 @@ def only(branch, label):
     assert event.node.label == label
     assert event.low <= where(event) <= event.high
     return event
+
+
+class Generalised(eqx.Module):
+    """The generalised Hénon map x' = y, y' = a - b x - y^2 + R x y + S y^3 over a and b."""
+
+    r: jax.Array
+    s: jax.Array
+
+    def __call__(self, a, b):
+        return lambda x, k: jnp.stack([x[1], a - b * x[0] - x[1] ** 2 + self.r * x[0] * x[1] + self.s * x[1] ** 3])
+
+    def at(self, y, determinant):
+        """a and b with which y is fixed and the Jacobian has this determinant."""
+        b = determinant + self.r * y
+        return y * (1 + b) + (1 - self.r) * y**2 - self.s * y**3, b
+
+    def trace(self, y):
+        """Trace of the Jacobian at the fixed point y."""
+        return (self.r - 2) * y + 3 * self.s * y**2
+
+
+class Companion(eqx.Module):
+    """x_n' = a + sum of b_k x_k - x_n^2 over a and b_1, with any multipliers at a fixed point."""
+
+    rest: jax.Array
+    """b_2, b_3, ..."""
+
+    @classmethod
+    def of(cls, multipliers, y):
+        """With these multipliers at the fixed point y, and a and b_1 there."""
+        row = -np.poly(multipliers).real[:0:-1]
+        row[-1] += 2 * y
+        return cls(jnp.asarray(row[1:])), (y - y * row.sum() + y**2, row[0])
+
+    def __call__(self, a, b):
+        def step(x, k):
+            last = a + b * x[0] + self.rest @ x[1:] - x[-1] ** 2
+            return jnp.append(x[1:], last)
+
+        return step

@@ -114,8 +114,8 @@ def test_a_curve_of_neimark_sackers():
     np.testing.assert_allclose(sorted(c[[0, -1]]), [-0.5, 0.9], rtol=0, atol=1e-9)
     # the last unknown is the angle, which is no parameter
     np.testing.assert_array_equal(found.values, c)
-    assert list(found.parameters) == ["r", "c"]
-    np.testing.assert_array_equal(found.parameters["r"], r)
+    assert found.names == ("r", "c")
+    np.testing.assert_array_equal(found.parameters, np.column_stack([r, c]))
     assert sorted(event.value for event in found.events) == pytest.approx([-0.5, 0.9])
     assert repr(found).startswith(f"Branch({len(c)} points over r and c; EP at r = ")
 

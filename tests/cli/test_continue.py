@@ -14,6 +14,7 @@ import slipperjax as sj
 from slipperjax.cli.interrupts import on_thread
 from slipperjax.flow.status import ASKED, Status
 from slipperjax.orbits.branches import FINER, OrbitBranch
+from slipperjax.orbits.critical import OrbitCurve
 from slipperjax.results.kinds import KINDS
 
 from .commands import BRANCH, call, error_of, names, picture
@@ -179,3 +180,23 @@ def test_a_signal_while_nothing_is_found_is_not_waited_for_long():
     with pytest.raises(KeyboardInterrupt):
         on_thread(lambda: time.sleep(4), patience=0.5)
     assert time.perf_counter() - begin < 3.5
+
+
+def test_events_are_followed_over_a_second_parameter(room, branch, replaced, tmp_path, capsys):
+    """The curve of the file's flip, made by hand, with a point of codimension two."""
+    texts = {"label": ["EP", "GPD"], "point": [0, 1], "note": ["", ""]}
+    texts["coefficients"] = ["{}", '{"e": [-0.125, 0.0, 0.01]}']
+    columns = {f"event_{name}": ("event", list(values)) for name, values in texts.items()}
+    coords = {"speed": ("point", [1090.0, 1100.0]), "clearance": ("point", [1e-3, 2e-3])}
+    attrs = dict(label="PD", varied='["speed", "clearance"]', ended=["bound", "bound"], orbit_period=1)
+    attrs["call"] = '{"function": "continue_event"}'
+    curve = OrbitCurve(xr.Dataset(columns | {"outside": ("point", [0, 0])}, coords, attrs))
+    follow = replaced("orbits.critical.continue_event", return_value=curve)
+    out, _ = call([*OVER, tmp_path / "own.nc", "--two", "clearance", 0.5, 2], capsys)
+    (_, event, name, bounds), options = follow.call_args
+    assert (event.label, name, bounds) == ("PD", "clearance", (0.5e-3, 2e-3))
+    assert options["progress"]
+    assert "GPD at (1100, 0.002): e = -0.125 +- 0.01" in out
+    assert names(tmp_path) == ["own.nc", "own_PD1.nc"]
+    words = "Option --two must have two bounds, the smaller first"
+    assert words in error_of([*OVER, tmp_path / "own.nc", "--two", "clearance", 2, 1], capsys)

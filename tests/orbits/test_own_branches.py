@@ -7,6 +7,7 @@ import pytest
 
 import slipperjax as sj
 from slipperjax import analysis
+from slipperjax.analysis.arclength import Pace
 
 from ..plots.shown import labels, legend
 
@@ -43,3 +44,25 @@ def test_a_branch_says_lists_draws_and_writes_itself(branch, tmp_path):
 def test_wrong_branches_are_one_line(branch):
     with pytest.raises(ValueError, match="`units` must name a and some of state_0, state_1, but is"):
         sj.orbits.branch_result(branch, {"b": "m"})
+
+
+@pytest.mark.full
+def test_a_curve_over_two_parameters_lists_and_draws_its_points(tmp_path):
+    family = lambda a, b: lambda s, k: jnp.stack([s[1], a - b * s[0] - s[1] ** 2 + 0.1 * s[0] * s[1]])
+    motions = analysis.PeriodicMotions(family, jnp.zeros(2), jnp.ones(2))
+    critical = analysis.CriticalMotions.of(motions, "NS")
+    # on the curve y, b = 1 + y / 10, a = y (1 + b) + 9 y^2 / 10
+    curve = analysis.continue_critical(
+        critical, jnp.full(2, 0.8), (2.24, 1.08), ((-2.0, 4.0), (0.5, 1.5)), angle=2.4, pace=Pace(most=0.3)
+    )
+    found = sj.orbits.branch_result(curve)
+    head, *lines = found.summary()
+    assert head.startswith("NS of period 1 over a and b: ")
+    assert [line.split()[0] for line in lines] == ["R1", "R4", "R3", "R2"]
+    assert lines[-1].endswith("4c = -1.1, -2d-6c = 0.0225")
+    assert not found["outside"].values.any()
+    ax = found.plot()
+    assert sorted(text.get_text() for text in ax.texts) == ["R1", "R2", "R3", "R4"]
+    assert legend(ax) == ["NS Neimark-Sacker"]
+    found.write(tmp_path / "curve.nc")
+    assert sj.load(tmp_path / "curve.nc").summary() == found.summary()

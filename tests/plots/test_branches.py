@@ -172,13 +172,13 @@ def regimes():
 
 
 def test_curves_are_dashed_where_the_motion_is_unstable_anyway():
-    ax = plots.event_curves([curve(), curve("PD", (0,) * 5)])
+    ax = plots.plane([curve(), curve("PD", (0,) * 5)])
     np.testing.assert_allclose(lines(ax, "-")[0], [[1, 1], [2, 2], [3, 3]])
     np.testing.assert_allclose(lines(ax, "--"), [[[3, 3], [4, 4], [5, 5]]])
     assert labels(ax) == ("clearance $C$ [mm]", "speed $V$ [m/s]")
     assert legend(ax) == ["LP fold", "PD flip", "others outside, too"]
     # over a map with its axes and legend
-    ax = plots.event_curves(curve("NS", (0,) * 5), regimes())
+    ax = plots.plane(curve("NS", (0,) * 5), regimes())
     assert labels(ax) == ("speed $V$ [m/s]", "clearance $C$ [mm]")
     np.testing.assert_allclose(lines(ax, "-")[0][:2], [[1, 1], [2, 2]])
     assert ax.axis() == pytest.approx((0.5, 3.5, 0.5, 2.5))
@@ -198,10 +198,10 @@ OTHER = curve(varied=("speed", "mass"))
         (lambda: plots.branches(branch(), "w_x", simulated()), "`brute` must be .* with `w_x`"),
         (lambda: plots.branches(branch(), "slowest_touchdown", simulated()), "`brute` must be None where"),
         (lambda: plots.multiplier_circle([branch()] * 2), "`ds` must be a dataset of continue_orbit, but is list"),
-        (lambda: plots.event_curves(curve("XY")), "`ds` must be curves of LP, .* but is of XY"),
-        (lambda: plots.event_curves([curve(), OTHER]), "over the same two parameters, but is of LP over speed and"),
-        (lambda: plots.event_curves(OTHER, regimes()), "`regimes` must be swept over speed"),
-        (lambda: plots.event_curves(curve(), simulated()), "lyapunov_sweep, with `regime`"),
+        (lambda: plots.plane(curve("XY")), "`curves` must be curves of LP, .* but is of XY"),
+        (lambda: plots.plane([curve(), OTHER]), "over the same two parameters, but is of LP over speed and"),
+        (lambda: plots.plane(OTHER, regimes()), "`attractors` must be swept over speed"),
+        (lambda: plots.plane(curve(), simulated()), "lyapunov_sweep, with `regime`"),
     ],
 )
 def test_what_cannot_be_drawn_is_named(draw, words):

@@ -71,7 +71,7 @@ def test_exponents_tell_more_than_recurrence_and_colours_of_flagged_cases_agree(
 
 
 def test_curves_lie_over_a_map_of_attractors_and_are_named():
-    ax = plots.event_curves([curve(), curve(2)], attractor_map())
+    ax = plots.plane([curve(), curve(2)], attractor_map())
     assert legend(ax)[-2:] == ["PD flip", "PD flip of period 2"]
     assert ax.axis() == pytest.approx((0.5, 4.5, 0.5, 2.5))
 
