@@ -3,6 +3,7 @@
 from .attractor import (
     Attractors as Attractors,
     classify as classify,
+    mean_turn as mean_turn,
     rotation_number as rotation_number,
     zero_one_test as zero_one_test,
 )
@@ -57,3 +58,4 @@ from .shooting import (
 from .specification import rms_of_lines as rms_of_lines, straight_lines as straight_lines
 from .spectra import find_line as find_line, power_spectral_density as power_spectral_density
 from .step_error import with_step_error as with_step_error
+from .tori import Tori as Tori, continue_torus as continue_torus

@@ -100,7 +100,7 @@ class GrazingMotions(AbstractExtended):
 
 
 class LeavingMotions(GrazingMotions):
-    """Folds and flips of motions with one impact; further unknowns are the null vector of the linearised equations."""
+    """Folds and flips of motions with one impact. Further unknowns are a null vector of the linearised equations."""
 
     label: str = eqx.field(static=True)
     """One of `LEAVING`."""
@@ -186,8 +186,8 @@ def continue_grazing(
     curve = extend(start, *limits, free, free, tolerance=tolerance, pace=pace, locate=False, points=points)
     curve = _cut(curve, first)
     pairs = zip(curve.nodes, curve.nodes[1:], strict=False)
-    points = [point for pair in pairs for label in LEAVING for point in _leaving(equations, *pair, label, tolerance)]
-    return dataclasses.replace(curve, events=(*points, *curve.events))
+    found = [point for pair in pairs for label in LEAVING for point in _leaving(equations, *pair, label, tolerance)]
+    return dataclasses.replace(curve, events=(*found, *curve.events))
 
 
 def leave_grazing(
