@@ -32,8 +32,10 @@ TURNS = 1000
 """Iterations of the map along a curve for its Lyapunov exponents."""
 HALF = 0.5
 """Where between two states of a curve its error is greatest, as a share of their distance."""
-LOCKING = 24
+LOCKING = 12
 """Greatest period of a motion on which a torus is sought to be locked."""
+AHEAD = 0.02
+"""Greatest distance of a fraction from a rotation number near which the rotation may lock on to it."""
 
 
 class InvariantCurves(AbstractEquations):
@@ -45,7 +47,7 @@ class InvariantCurves(AbstractEquations):
 
     def rotation(self, z: Array) -> Array:
         """Return the rotation number."""
-        return z[-1]
+        return jnp.asarray(z)[-1]
 
     def states(self, z: Array) -> Array:
         """Return the states, of shape (points, size)."""
@@ -59,7 +61,7 @@ class InvariantCurves(AbstractEquations):
         """Return the value at one share of a curve, from values at equal shares. Pure."""
         count = len(states)
         # the trigonometric polynomial that is one at one of the points
-        waves = jnp.cos(2 * jnp.pi * (theta - jnp.arange(count) / count)[:, None] * jnp.arange(1, count // 2 + 1))
+        waves = jnp.cos(2 * jnp.pi * jnp.outer(theta - jnp.arange(count) / count, jnp.arange(1, count // 2 + 1)))
         return (1 + 2 * waves.sum(axis=-1)) @ states / count
 
     def turned(self, states: Array, turn: Array) -> Array:
@@ -78,7 +80,7 @@ class InvariantCurves(AbstractEquations):
         # P(x) - x with its derivatives at all points
         mapped = jax.vmap(lambda x: self.motions.evaluate(jnp.append(x, values)))(states)
         residual = mapped.residual + states - self.turned(states, rotation)
-        own = mapped.jacobian[..., :size] + jnp.eye(size)
+        own = mapped.jacobian[..., :size] + jnp.eye(size)[None]
         blocks = jnp.einsum("jl,jab->jalb", jnp.eye(count), own)
         blocks = blocks - jnp.einsum("jl,ab->jalb", self.turned(jnp.eye(count), rotation), jnp.eye(size))
         columns = [blocks.reshape(z[: states.size].size, -1), mapped.jacobian[..., size:].reshape(states.size, -1)]
@@ -93,7 +95,7 @@ class InvariantCurves(AbstractEquations):
 
     def along(self, z: Array) -> Array:
         """Return the direction along the reference curve, whose product with the states is zero. Pure."""
-        way = self.slope(self.reference, jnp.zeros(())) * self._scale(z) ** 2
+        way = self.slope(self.reference, jnp.zeros(())) * self._scale(z)[None] ** 2
         return way.ravel() / jnp.sqrt(jnp.sum(way**2))
 
     def _scale(self, z: Array) -> Array:
@@ -193,7 +195,8 @@ def continue_torus(
     **Returns:** `Tori`. They end with "bound", "count", "Neimark-Sacker" where the curve shrinks to a point,
     "resolution" where `most` states are too few, as where a torus breaks down, "locked p:q" or "no convergence".
     Events "LK" are intervals of the parameter in which the rotation is locked, between two folds of a motion that
-    recurs; beyond them the curve is followed further.
+    recurs; beyond them the curve is followed further,
+    if it is found there.
 
     **Raises:** `ValueError` that names the wrong argument, and where no torus is near the start.
     """
@@ -260,7 +263,7 @@ def _error(equations: InvariantCurves, static: tuple, z: Array) -> tuple[Array, 
     mapped = jax.vmap(lambda x: equations.motions.mapped(jnp.append(x, values)))(between)
     weights = equations.weights(z)[0][: states.size].reshape(states.shape)
     missed = weights * (mapped - equations.turned(states, turn + half))
-    return jnp.max(jnp.abs(missed)), jnp.max(jnp.abs(weights * (states - states.mean(axis=0))))
+    return jnp.max(jnp.abs(missed)), jnp.max(jnp.abs(weights * (states - states.mean(axis=0, keepdims=True))))
 
 
 def _growth(equations: InvariantCurves, static: tuple, z: Array) -> Array:
@@ -270,7 +273,7 @@ def _growth(equations: InvariantCurves, static: tuple, z: Array) -> Array:
     scale = equations.weights(z)[0][:size]
     scale = jnp.where(scale > 0, scale, 1.0)
     slopes = jax.vmap(lambda x: equations.motions.evaluate(jnp.append(x, values)).jacobian[:, :size])(states)
-    slopes = (scale[:, None] * (slopes + jnp.eye(size)) / scale).reshape(count, -1)
+    slopes = ((slopes + jnp.eye(size)[None]) * (scale[:, None] / scale[None])[None]).reshape(count, -1)
 
     def push(frame, k):
         frame, r = jnp.linalg.qr(equations.at_share(slopes, k * turn).reshape(size, size) @ frame)
@@ -333,7 +336,8 @@ class _Search:
                     reason = "count"
                     break
             step = walk.step
-            if walk.ended == "no convergence" and (lock := self.locked(equations, last)) is not None:
+            lost = reason == "resolution" or walk.ended == "no convergence"
+            if lost and (lock := self.locked(equations, last)) is not None:
                 reason, event, beyond = lock
                 events.append(event)
                 if beyond is not None:
@@ -359,29 +363,34 @@ class _Search:
 
     def locked(self, equations: InvariantCurves, last: Node) -> tuple[str, Event, Node | None] | None:
         """Return the text and the event of a locked rotation beyond a node, and the first node beyond it; or None."""
+        if isinstance(equations, TurningCurves):
+            return None
         motions = equations.motions
         own = equations.reference.size
-        fraction = Fraction(float(equations.rotation(last.z))).limit_denominator(LOCKING)
-        periodic = dataclasses.replace(motions, intervals=motions.intervals * fraction.denominator)
-        value, way = last.z[own], np.sign(last.tangent[own])
-        if np.size(motions.reach) > 1:
+        turn, (way, slope) = float(last.z[-1]), last.tangent[own:]
+        # the simplest fraction close ahead, and where the rotation number would reach it without locking
+        shares = {Fraction(round(turn * n), n) for n in range(1, LOCKING + 1)}
+        ahead = [share for share in shares if 0 <= (float(share) - turn) * np.sign(slope) < AHEAD]
+        if not ahead:
             return None
-        plateau = None
-        away = self.pace.least * np.asarray(motions.reach).ravel()[0]
-        while plateau is None and away < self.pace.most and self.limits[0][0] < value + away * way < self.limits[0][1]:
-            away *= 4
-            plateau = self._plateau(periodic, equations, last, value + away * way)
+        share = min(ahead, key=lambda share: share.denominator)
+        value = last.z[own] + (float(share) - turn) * way / slope
+        periodic = dataclasses.replace(motions, intervals=motions.intervals * share.denominator)
+        plateau = self._plateau(periodic, equations, last, value)
         if plateau is None:
             return None
-        note = f"locked {fraction.numerator}:{fraction.denominator}"
+        note = f"locked {share.numerator}:{share.denominator}"
         low, high = plateau
         event = Event("LK", last, low, high, True, note=note, place=own)
-        return note, event, self._beyond(equations, last, high if way > 0 else low, way * (high - low))
+        beyond = self._beyond(equations, last, *((high, high - low) if way > 0 else (low, low - high)))
+        return note, event, beyond
 
     def _plateau(
         self, periodic: PeriodicMotions, equations: InvariantCurves, last: Node, value: float
     ) -> tuple[float, float] | None:
-        """Return the folds of a motion on the curve that recurs, on both sides of a parameter's value."""
+        """Return the range of the parameter in which a motion near the curve recurs, if it does so at a value."""
+        if not self.limits[0][0] <= value <= self.limits[0][1]:
+            return None
         states = np.asarray(equations.states(last.z))
         size = np.max(np.abs(states - states.mean(axis=0)))
         for state in states[:: max(len(states) // 8, 1)]:
@@ -391,10 +400,8 @@ class _Search:
             )
             if not node.residual <= 1e-10 or np.min(np.max(np.abs(states - node.z[:-1]), axis=1)) > size / 4:
                 continue
-            branch = continue_motion(periodic, (node.z[:-1], value), self.limits[0], points=100)
-            folds = [event.value for event in branch.events if event.label == "LP"]
-            if len(folds) >= 2:
-                return min(folds), max(folds)
+            values = continue_motion(periodic, (node.z[:-1], value), self.limits[0], points=100).values
+            return float(values.min()), float(values.max())
         return None
 
     def _beyond(self, equations: InvariantCurves, last: Node, edge: float, width: float) -> Node | None:

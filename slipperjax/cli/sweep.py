@@ -191,6 +191,24 @@ def sweep(
         return _swept(run, case, grid, files, show, **options)
 
 
+@app.command(of="sweeps.basins.basins")
+@over
+@axis("--start", "Coordinate of the start, like --over; repeat for more.", multiple=True)
+@option("--count", COUNT, "Number of random starts within the values of --start, in place of every combination.")
+@option("--seed", FROM_ZERO, "Seed of the random starts.")
+@transient
+@result("basins")
+@takes_case
+def basins(case: Case, over: Axis, start: Sequence[Axis], out: Sequence[Path], **options) -> int:
+    """Find which share of starts leads to each attractor, over a parameter."""
+    from ..sweeps.basins import basins as run
+
+    grid = make_grid(case.scene, over, *start)
+    starts = {name: grid[name] for name in grid if name in STARTS}
+    rest = {name: grid[name] for name in grid if name not in STARTS}
+    return _swept(lambda scene, _, **more: run(scene, starts, rest, **more), case, grid, Outputs(out), **options)
+
+
 def make_grid(scene: Scene, *axes: Axis, log: Sequence[str] = (), sample: int | None = None) -> dict[str, np.ndarray]:
     """Return values in SI units by parameter name, logarithmically spaced for the names in `log`.
 
