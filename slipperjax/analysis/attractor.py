@@ -118,8 +118,8 @@ def rotation_number(states: Numbers) -> Float[np.ndarray, "*cases"]:
     it is a rational number where both are locked. The states are seen from their mean, in the plane of their greatest
     variation, see `mean_turn`.
 
-    **Arguments:** `states`: once per forcing period, (*cases, periods, numbers), after the transient, in units of like
-    size.
+    **Arguments:** `states`: once per forcing period, (*cases, periods, numbers), after the transient, in units of
+    like size.
 
     **Returns:** shape (*cases,); NaN where the states do not lie on a closed curve around their mean in this order.
 

@@ -15,7 +15,7 @@ from .lyapunov import Step
 
 
 class Basins(NamedTuple):
-    """To which attractor each start leads. Attractors have numbers 0, 1, ... from the largest basin to the smallest."""
+    """To which attractor each start leads. Attractors are numbered from the largest basin to the smallest."""
 
     number: Int[np.ndarray, "*values starts"]
     """Of each start's attractor, -1 where its motion is not finite."""

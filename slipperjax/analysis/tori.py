@@ -225,7 +225,9 @@ def _born(motions: PeriodicMotions, event: Event, points: int) -> tuple[Invarian
     vector = vectors[:, np.argmin(np.abs(values - event.multiplier))]
     circle = np.exp(2j * np.pi * np.arange(points) / points)
     ring = np.real(circle[:, None] * vector)
-    z = np.append(np.tile(event.node.z[: motions.size], points), [event.value, np.angle(event.multiplier) / (2 * np.pi)])
+    z = np.append(
+        np.tile(event.node.z[: motions.size], points), [event.value, np.angle(event.multiplier) / (2 * np.pi)]
+    )
     equations = InvariantCurves(motions, jnp.asarray(ring))
     way = np.append(ring.ravel(), [0.0, 0.0])
     weights = np.asarray(equations.weights(jnp.asarray(z))[1])

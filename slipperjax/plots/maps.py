@@ -306,8 +306,8 @@ def basin_map(ds: xr.Dataset, ax: Axes | None = None) -> Axes:
     shares = ds["share"].mean([d for d in ds["share"].dims if d != "attractor"]).values
     with drawing(ax, ds, 3.5, 3.3) as ax:
         # entries of the largest basins
-        for color, period, share in zip(BASIN_COLORS, periods, shares, strict=False):
-            legend_patch(ax, f"{_kind_of(period)}: {share:.0%}", color=color)
+        for k, (color, period, share) in enumerate(zip(BASIN_COLORS, periods, shares, strict=False)):
+            legend_patch(ax, f"{_kind_of(k, period)}, {share:.0%}", color=color)
         if len(periods) > most:
             legend_patch(ax, f"{len(periods) - most} others: {shares[most:].sum():.0%}", color=COLORS["grey"])
         index = np.where(numbers < 0, np.nan, np.minimum(numbers, most))
@@ -315,8 +315,8 @@ def basin_map(ds: xr.Dataset, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def _kind_of(period: int) -> str:
-    return f"period {period}" if period else "no period"
+def _kind_of(number: int, period: int) -> str:
+    return f"{number}: period {period}" if period else f"{number}: no period"
 
 
 def basin_shares(ds: xr.Dataset, ax: Axes | None = None) -> Axes:
@@ -336,7 +336,7 @@ def basin_shares(ds: xr.Dataset, ax: Axes | None = None) -> Axes:
         for k, (color, period) in enumerate(zip(BASIN_COLORS, ds["basin_period"].values, strict=False)):
             of = ds.isel(attractor=k)
             bars = dict(color=color, marker="o", ms=3, lw=1.0, capsize=2)
-            ax.errorbar(x.values, of["share"].values, of["share_stderr"].values, label=_kind_of(period), **bars)
+            ax.errorbar(x.values, of["share"].values, of["share_stderr"].values, label=_kind_of(k, period), **bars)
         ax.set(xlabel=label(x), ylabel="share of the starts", ylim=(-0.03, 1.03))
     return ax
 

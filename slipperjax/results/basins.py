@@ -1,5 +1,6 @@
 """Texts and tables of basins of attraction."""
 
+import numpy as np
 import pandas as pd
 import xarray as xr
 
@@ -23,5 +24,9 @@ def summary(ds: xr.Dataset, units: Units = None) -> list[str]:
 
 def tables(ds: xr.Dataset, units: Units = None) -> dict[str, pd.DataFrame]:
     """Return a row for each attractor at each value."""
-    names = ["share", "share_stderr", "basin_period"]
-    return {"basins": shown_columns(ds[names], *map(str, ds["share"].dims), units=units)}
+    rows = shown_columns(ds[["share", "share_stderr"]], *map(str, ds["share"].dims), units=units)
+    # the attractors are the last dimension of the shares
+    again = len(rows) // ds.sizes["attractor"]
+    rows.insert(0, "attractor", np.tile(np.arange(ds.sizes["attractor"]), again))
+    rows.insert(1, "period", np.tile(ds["basin_period"].values, again))
+    return {"basins": rows}
