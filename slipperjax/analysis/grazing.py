@@ -187,7 +187,7 @@ def continue_grazing(
     curve = _cut(curve, first)
     pairs = zip(curve.nodes, curve.nodes[1:], strict=False)
     found = [point for pair in pairs for label in LEAVING for point in _leaving(equations, *pair, label, tolerance)]
-    return dataclasses.replace(curve, events=(*found, *curve.events))
+    return dataclasses.replace(curve, events=tuple(found))
 
 
 def leave_grazing(
@@ -250,9 +250,7 @@ def _cut(curve: Branch, start: Node) -> Branch:
         return known._replace(reason="second touch" if lost else "grazing" if grazes else known.reason)
 
     ends = end(curve.ends[0], nodes[0], low >= 0), end(curve.ends[1], nodes[-1], high < len(nodes))
-    nodes = nodes[low + 1 : high]
-    events = tuple(event for event in curve.events if any(event.node is node for node in nodes))
-    return dataclasses.replace(curve, nodes=nodes, ends=ends, events=events)
+    return dataclasses.replace(curve, nodes=nodes[low + 1 : high], ends=ends, events=())
 
 
 def _pencils(equations: GrazingMotions, static: tuple, z: Array) -> Array:

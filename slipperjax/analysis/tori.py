@@ -185,8 +185,8 @@ def continue_torus(
 
     - `motions`: of one parameter, along which the rotation number is an unknown; or of two parameters, in whose plane
         the rotation number is fixed.
-    - `start`: a Neimark-Sacker of a branch of `motions`, for one parameter; or states on a torus once per interval, of
-        shape (intervals, size), and the parameters' values.
+    - `start`: a Neimark-Sacker of a branch of `motions`, for one parameter; or states on a torus once per interval,
+        of shape (intervals, size), and the parameters' values.
     - `bounds`: of the parameter, or of both.
     - `points`: states on the curve at the start, made odd; they are doubled up to `most` where the error of the curve
         between them exceeds `accuracy` of its size.

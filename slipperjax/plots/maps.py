@@ -43,7 +43,7 @@ DIRECTION_COLORS = {"up": 3, "down": 2}
 """Numbers of the colours of motions that are followed with a rising and a falling parameter, see `line_color`."""
 EXPONENT_LABEL = "largest exponent [1/period]"
 BASIN_COLORS = ("#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377")
-"""Colours of the largest basins, in Paul Tol's bright scheme for all kinds of colour vision; further ones are grey."""
+"""Colours of the largest basins, in Paul Tol's bright scheme for all kinds of colour vision; others are grey."""
 
 
 def each_way(ds: xr.Dataset, text: str = "") -> list[tuple[xr.Dataset, dict[str, str]]]:

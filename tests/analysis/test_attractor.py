@@ -5,7 +5,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from slipperjax.analysis.attractor import classify, mean_turn, zero_one_test
+from slipperjax.analysis.attractor import classify, mean_turn, rotation_number, zero_one_test
 from slipperjax.analysis.kinds import KINDS
 
 GOLDEN = (5**0.5 - 1) / 2
@@ -231,6 +231,17 @@ def test_rotation_numbers():
     # turns to both sides of none
     assert mean_turn(0.5 * np.sin(angle)) == pytest.approx(0.0, abs=1e-8)
     assert mean_turn(2 * np.pi / 3 * np.arange(10)) == pytest.approx(1 / 3)
+
+
+def test_rotation_numbers_of_states():
+    phase = 2 * np.pi * GOLDEN * np.arange(1000)
+    curve = np.stack([np.cos(phase) + 0.2 * np.cos(2 * phase), np.sin(phase), 0.3 * np.sin(3 * phase)], axis=-1)
+    # in any direction, from 0 to 1/2
+    found = rotation_number(np.stack([curve, curve[::-1], curve[:, ::-1]]))
+    np.testing.assert_allclose(found, min(GOLDEN, 1 - GOLDEN), atol=1e-10)  # measured 1e-16
+    assert np.isnan(rotation_number(np.random.default_rng(0).standard_normal((500, 2))))
+    with pytest.raises(ValueError, match="`states` must be of three periods or more and of two numbers or more"):
+        rotation_number(curve[:, :1])
 
 
 def test_long_records_take_no_memory_of_all_pairs():
