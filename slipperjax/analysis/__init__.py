@@ -7,7 +7,7 @@ from .attractor import (
     rotation_number as rotation_number,
     zero_one_test as zero_one_test,
 )
-from .basins import Basins as Basins, basins as basins
+from .basins import Basins as Basins, map_basins as map_basins
 from .continuation import Branch as Branch, continue_motion as continue_motion, extend as extend, switch as switch
 from .critical import (
     ConditionedMotions as ConditionedMotions,

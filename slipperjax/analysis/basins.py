@@ -28,7 +28,7 @@ class Basins(NamedTuple):
     too."""
 
 
-def basins(
+def map_basins(
     family: Callable[..., Step],
     starts: Numbers,
     values: Numbers,

@@ -361,6 +361,9 @@ def keep_units(found: "Result", case: Case) -> None:
 
 def _is_drawn(found: "Result") -> bool:
     """Return whether a sweep has a picture; a sweep over more than two parameters has none."""
+    if "share" in found.ds:
+        # shares over one parameter, or a map of starts
+        return 2 in {found.ds[name].ndim for name in ("share", "basin")}
     return found["status"].ndim <= 2
 
 
@@ -370,7 +373,8 @@ def _write(found: "Result", files: Outputs, show: str | None) -> None:
     if not drawn:
         said(f"no picture of {found['status'].ndim} parameters: take a part of the data, and quantity_map")
     # a store without a picture needs no further file
-    said(*filter(None, [files.write(found, drawn=drawn, show=show)]))
+    shown = {} if show is None else {"show": show}
+    said(*filter(None, [files.write(found, drawn=drawn, **shown)]))
 
 
 @app.group(no_args_is_help=False)

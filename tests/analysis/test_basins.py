@@ -26,7 +26,7 @@ def brute_shares(c, starts):
 def test_shares_beside_20000_starts():
     draw = lambda seed, count: np.random.default_rng(seed).uniform(-1.5, 1.5, (count, 2))
     values = [0.0, 0.05, 0.1]
-    found = analysis.basins(duffing, draw(0, 2000), values)
+    found = analysis.map_basins(duffing, draw(0, 2000), values)
     assert found.period.tolist() == [1, 1]
     brute = np.array([brute_shares(c, draw(1, 20_000)) for c in values])
     both = np.hypot(found.stderr, np.sqrt(brute * (1 - brute) / 20_000))
@@ -41,7 +41,7 @@ def test_shares_beside_20000_starts():
 
 def test_starts_that_leave_have_no_attractor():
     starts = np.array([[0.5, 0.5], [0.5, 0.6], [9.0, 9.0]])
-    found = analysis.basins(duffing, starts, [0.1])
+    found = analysis.map_basins(duffing, starts, [0.1])
     assert found.number.tolist() == [[0, 0, -1]]
     assert found.share.tolist() == [[2 / 3]]
     # (k + 1)(n - k + 1) / ((n + 2)^2 (n + 3)) with k = 2 of n = 3
