@@ -38,6 +38,7 @@ from .orbits.exponents import lyapunov_spectrum as lyapunov_spectrum
 from .orbits.periodic import periodic_orbit as periodic_orbit
 from .orbits.simulate import period_map as period_map, simulate as simulate
 from .results.result import Result as Result
+from .sweeps.basins import basins as basins
 from .sweeps.compare import compare as compare
 from .sweeps.environment import environment as environment
 from .sweeps.explain import explain as explain

@@ -3,9 +3,11 @@
 from .attractor import (
     Attractors as Attractors,
     classify as classify,
+    mean_turn as mean_turn,
     rotation_number as rotation_number,
     zero_one_test as zero_one_test,
 )
+from .basins import Basins as Basins, map_basins as map_basins
 from .continuation import Branch as Branch, continue_motion as continue_motion, extend as extend, switch as switch
 from .critical import (
     ConditionedMotions as ConditionedMotions,
@@ -28,6 +30,11 @@ from .environment import (
 )
 from .events import Event as Event
 from .floquet import jacobians as jacobians, largest_exponent as largest_exponent, multipliers as multipliers
+from .grazing import (
+    GrazingPoint as GrazingPoint,
+    continue_grazing as continue_grazing,
+    leave_grazing as leave_grazing,
+)
 from .hybrid import impact_step as impact_step, return_step as return_step, switched_step as switched_step
 from .kinds import KINDS as KINDS, REGIMES as REGIMES, Regime as Regime, lasting as lasting
 from .leaving import switch_critical as switch_critical
@@ -54,3 +61,4 @@ from .shooting import (
 from .specification import rms_of_lines as rms_of_lines, straight_lines as straight_lines
 from .spectra import find_line as find_line, power_spectral_density as power_spectral_density
 from .step_error import with_step_error as with_step_error
+from .tori import Tori as Tori, continue_torus as continue_torus

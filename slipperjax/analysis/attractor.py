@@ -27,6 +27,8 @@ AT_ONCE = 10
 LEAST_LOST = 16
 """Least number of binary digits that a map loses in successive steps; records of instruments have no more digits."""
 LOST_DIGITS = "as where a map loses a binary digit in each step"
+SCATTER = 0.1
+"""Greatest mean distance of neighbours on a closed curve, as a share of its extent."""
 
 
 class Attractors(NamedTuple):
@@ -88,12 +90,11 @@ def zero_one_test(
     return np.reshape(rows, x.shape[:-1])
 
 
-def rotation_number(angle: Numbers) -> Float[np.ndarray, "*cases"]:
+def mean_turn(angle: Numbers) -> Float[np.ndarray, "*cases"]:
     """Return the mean turn of an angle from one period to the next, as a share of a turn, 0 to 1.
 
-    On a torus this is the frequency of the second motion over the forcing frequency, up to whole turns; it is a
-    rational number where both are locked. It is a weighted mean, whose error on a torus falls faster than any power
-    of the number of periods (doi:10.1088/1361-6544/aa84c2).
+    It is a weighted mean, whose error on a torus falls faster than any power of the number of periods
+    (doi:10.1088/1361-6544/aa84c2).
 
     **Arguments:** `angle`: once per forcing period [rad], (*cases, periods): of states, seen from a point inside the
     closed curve on which they lie. The turns may differ from each other by less than half a turn.
@@ -108,6 +109,40 @@ def rotation_number(angle: Numbers) -> Float[np.ndarray, "*cases"]:
     away = np.angle(turn * np.exp(-1j * middle))
     turns = (middle[..., 0] + weighted_mean(away[..., None])[..., 0]) / (2 * np.pi)
     return np.asarray(np.mod(turns, 1.0))
+
+
+def rotation_number(states: Numbers) -> Float[np.ndarray, "*cases"]:
+    """Return the mean turn of states on a closed curve from one period to the next, as a share of a turn, 0 to 1/2.
+
+    On a torus this is the frequency of the second motion over the forcing frequency, up to whole turns and the sign;
+    it is a rational number where both are locked. The states are seen from their mean, in the plane of their greatest
+    variation, see `mean_turn`.
+
+    **Arguments:** `states`: once per forcing period, (*cases, periods, numbers), after the transient, in units of
+    like size.
+
+    **Returns:** shape (*cases,); NaN where the states do not lie on a closed curve around their mean in this order.
+
+    **Raises:** `ValueError` for fewer than three periods, and for states of one number.
+    """
+    states = numbers("states", states, 2)
+    need = "be of three periods or more and of two numbers or more"
+    require(states.shape[-2] >= 3 and states.shape[-1] >= 2, "states", need, shown=f"of shape {states.shape}")
+    found = [_rotation(one) for one in states.reshape(-1, *states.shape[-2:])]
+    return np.reshape(found, states.shape[:-2])
+
+
+def _rotation(states):
+    """Return the rotation number of one motion."""
+    if not np.isfinite(states).all():
+        return np.nan
+    away = states - weighted_mean(states)
+    plane = away @ np.linalg.svd(away, full_matrices=False)[2][:2].T
+    turn = float(mean_turn(np.arctan2(plane[:, 1], plane[:, 0])))
+    # neighbours on the curve, if the rotation number is right
+    order = np.argsort(np.mod(turn * np.arange(len(plane)), 1.0))
+    apart = np.linalg.norm(np.diff(plane[order], axis=0), axis=1).mean()
+    return min(turn, 1 - turn) if apart < SCATTER * np.ptp(plane, axis=0).max() else np.nan
 
 
 def classify(

@@ -199,9 +199,9 @@ class AbstractCrossingStep(eqx.Module):
             share = share_before(gap, flow, t, self.dt, touches, lowest)
             touch = t + share * self.dt, flow(share)
             after = jax.lax.cond(touches | stuck, lambda: self._across(t, y, touches | stuck)[0], lambda: end)
-            rate = _along(field, gap)
+            rate = along(field, gap)
             turns = ~stuck & ~touches & (lowest > 0) & (lowest < 1)
-            grazes = ~stuck & touches & (_along(field, rate)(*touch) > 0)
+            grazes = ~stuck & touches & (along(field, rate)(*touch) > 0)
             return after, (jnp.where(turns, least, jnp.inf), jnp.where(grazes, jnp.abs(rate(*touch)), jnp.inf))
 
         gaps, rates = jax.lax.scan(one, state, jnp.arange(self.steps))[1]
@@ -249,7 +249,7 @@ class SwitchedStep(AbstractCrossingStep):
 
     def _rates(self, t, y):
         """Return how fast the surface's function grows along the field above, and along the field below."""
-        return _along(self.above, self.surface)(t, y), _along(self.below, self.surface)(t, y)
+        return along(self.above, self.surface)(t, y), along(self.below, self.surface)(t, y)
 
     def _held(self, t, y):
         # Filippov's mixture of both fields, which stays on the surface
@@ -270,7 +270,7 @@ class SwitchedStep(AbstractCrossingStep):
     def _ahead(self, t, y):
         field, gap = self._side(self.surface(t, y) >= 0)
         end = rk4(field, t, y, self.dt)
-        rate, then = _along(field, gap), t + self.dt
+        rate, then = along(field, gap), t + self.dt
         fall, rise, last = rate(t, y), rate(then, end), gap(then, end)
         # a gap that falls and rises may be below zero in between, unless one of its end tangents stays above zero
         dips = (fall < 0) & (rise > 0) & (gap(t, y) + self.dt * fall < 0) & (last - self.dt * rise < 0)
@@ -299,12 +299,12 @@ class ImpactStep(AbstractCrossingStep):
 
     @property
     def _rate(self) -> Surface:
-        return _along(self.field, self.surface)
+        return along(self.field, self.surface)
 
     @property
     def _push(self) -> Surface:
         """Acceleration of the gap in flight, negative where the motion is pressed into the surface."""
-        return _along(self.field, self._rate)
+        return along(self.field, self._rate)
 
     def _side(self, up):
         return self.field, self.surface
@@ -393,7 +393,7 @@ class ReturnStep(eqx.Module):
         risen = jnp.zeros((), bool)
         if self.reset is not None:
             state = self.reset(start, state)
-            risen = _along(self.field, self.surface)(start, state) > 0
+            risen = along(self.field, self.surface)(start, state) > 0
         begin = 0, state, risen, False
         i, y, risen, falls = jax.lax.while_loop(lambda c: (c[0] < self.most) & ~c[3], whole_step, begin)
         t = i * self.dt
@@ -500,7 +500,7 @@ def _instants(dt, t0, steps):
 
 def _lowest(field: Field, gap: Surface, t: Array, y: Array, then: Array, end: Array) -> tuple[Array, Array]:
     """Return the share of a flight at which its gap is least, and the gap there, by a cubic."""
-    rate = _along(field, gap)
+    rate = along(field, gap)
     (start, slope), (last, last_slope) = ((-gap(*at), -(then - t) * rate(*at)) for at in ((t, y), (then, end)))
     share, height = highest_point(start, slope, last, last_slope)
     return jax.lax.stop_gradient(share), -height
@@ -512,7 +512,7 @@ def _to_surface(surface: Surface, t: Array, y: Array) -> Array:
     return y - surface(t, y) / (slope @ slope) * slope
 
 
-def _along(field: Field, function: Surface) -> Surface:
+def along(field: Field, function: Surface) -> Surface:
     """Return the time derivative of a function of (t, y) along the motions of a field."""
 
     def derivative(t, y):

@@ -191,6 +191,24 @@ def sweep(
         return _swept(run, case, grid, files, show, **options)
 
 
+@app.command(of="sweeps.basins.basins")
+@over
+@axis("--start", "Coordinate of the start, like --over; repeat for more.", multiple=True)
+@option("--count", COUNT, "Number of random starts within the values of --start, in place of every combination.")
+@option("--seed", FROM_ZERO, "Seed of the random starts.")
+@transient
+@result("basins")
+@takes_case
+def basins(case: Case, over: Axis, start: Sequence[Axis], out: Sequence[Path], **options) -> int:
+    """Find which share of starts leads to each attractor, over a parameter."""
+    from ..sweeps.basins import basins as run
+
+    grid = make_grid(case.scene, over, *start)
+    starts = {name: grid[name] for name in grid if name in STARTS}
+    rest = {name: grid[name] for name in grid if name not in STARTS}
+    return _swept(lambda scene, _, **more: run(scene, starts, rest, **more), case, grid, Outputs(out), **options)
+
+
 def make_grid(scene: Scene, *axes: Axis, log: Sequence[str] = (), sample: int | None = None) -> dict[str, np.ndarray]:
     """Return values in SI units by parameter name, logarithmically spaced for the names in `log`.
 
@@ -343,6 +361,9 @@ def keep_units(found: "Result", case: Case) -> None:
 
 def _is_drawn(found: "Result") -> bool:
     """Return whether a sweep has a picture; a sweep over more than two parameters has none."""
+    if "share" in found.ds:
+        # shares over one parameter, or a map of starts
+        return 2 in {found.ds[name].ndim for name in ("share", "basin")}
     return found["status"].ndim <= 2
 
 
@@ -352,7 +373,8 @@ def _write(found: "Result", files: Outputs, show: str | None) -> None:
     if not drawn:
         said(f"no picture of {found['status'].ndim} parameters: take a part of the data, and quantity_map")
     # a store without a picture needs no further file
-    said(*filter(None, [files.write(found, drawn=drawn, show=show)]))
+    shown = {} if show is None else {"show": show}
+    said(*filter(None, [files.write(found, drawn=drawn, **shown)]))
 
 
 @app.group(no_args_is_help=False)

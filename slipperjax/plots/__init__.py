@@ -10,6 +10,7 @@ from .loads import greatest_loads as greatest_loads
 from .maps import (
     attractor_map as attractor_map,
     basin_map as basin_map,
+    basin_shares as basin_shares,
     bifurcation as bifurcation,
     bifurcations as bifurcations,
     exponents as exponents,

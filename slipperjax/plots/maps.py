@@ -42,6 +42,8 @@ from .style import (
 DIRECTION_COLORS = {"up": 3, "down": 2}
 """Numbers of the colours of motions that are followed with a rising and a falling parameter, see `line_color`."""
 EXPONENT_LABEL = "largest exponent [1/period]"
+BASIN_COLORS = ("#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377")
+"""Colours of the largest basins, in Paul Tol's bright scheme for all kinds of colour vision; others are grey."""
 
 
 def each_way(ds: xr.Dataset, text: str = "") -> list[tuple[xr.Dataset, dict[str, str]]]:
@@ -298,22 +300,50 @@ def basin_map(ds: xr.Dataset, ax: Axes | None = None) -> Axes:
     ds = check_dataset(ds, "slipperjax.sweeps.groups", "basin", "basin_period", "share")
     over = swept(ds["basin"], count=2)[::-1]
     numbers = ds["basin"].transpose(*over).values
-    # the largest basins, in Paul Tol's bright scheme for all kinds of colour vision; further basins are grey
-    colors = ("#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377")
-    most = len(colors)
+    most = len(BASIN_COLORS)
     periods = ds["basin_period"].values
     # over parameters: of all cases
     shares = ds["share"].mean([d for d in ds["share"].dims if d != "attractor"]).values
     with drawing(ax, ds, 3.5, 3.3) as ax:
         # entries of the largest basins
-        for color, period, share in zip(colors, periods, shares, strict=False):
-            kind = f"period {period}" if period else "no period"
-            legend_patch(ax, f"{kind}: {share:.0%}", color=color)
+        for k, (color, period, share) in enumerate(zip(BASIN_COLORS, periods, shares, strict=False)):
+            legend_patch(ax, f"{_kind_of(k, period)}, {share:.0%}", color=color)
         if len(periods) > most:
             legend_patch(ax, f"{len(periods) - most} others: {shares[most:].sum():.0%}", color=COLORS["grey"])
         index = np.where(numbers < 0, np.nan, np.minimum(numbers, most))
-        map_over(ds, over, index, ax, [*colors, COLORS["grey"]])
+        map_over(ds, over, index, ax, [*BASIN_COLORS, COLORS["grey"]])
     return ax
+
+
+def _kind_of(number: int, period: int) -> str:
+    return f"{number}: period {period}" if period else f"{number}: no period"
+
+
+def basin_shares(ds: xr.Dataset, ax: Axes | None = None) -> Axes:
+    """Draw the share of starts that lead to each attractor over a parameter, with bars of one standard error.
+
+    **Arguments:** `ds`: of `slipperjax.basins` over one parameter; `ax`: the Axes to draw into, default the Axes of a
+    new figure.
+
+    **Returns:** the Axes.
+
+    **Raises:** `ValueError` where `ds` is not over one parameter.
+    """
+    ds = check_dataset(ds, "slipperjax.basins", "basin_period", "share", "share_stderr")
+    (over,) = swept(ds["share"].isel(attractor=0), count=1)
+    x = shown(ds, over)
+    with drawing(ax, ds, 3.5, 2.6) as ax:
+        for k, (color, period) in enumerate(zip(BASIN_COLORS, ds["basin_period"].values, strict=False)):
+            of = ds.isel(attractor=k)
+            bars = dict(color=color, marker="o", ms=3, lw=1.0, capsize=2)
+            ax.errorbar(x.values, of["share"].values, of["share_stderr"].values, label=_kind_of(k, period), **bars)
+        ax.set(xlabel=label(x), ylabel="share of the starts", ylim=(-0.03, 1.03))
+    return ax
+
+
+def of_basins(ds: xr.Dataset, ax: Axes | None = None) -> Axes:
+    """Draw basins: shares over a parameter, or the map of starts at one value."""
+    return basin_map(ds, ax) if ds["share"].ndim == 1 else basin_shares(ds, ax)
 
 
 def quantity_map(ds: xr.Dataset, name: str = "peak_force", ax: Axes | None = None) -> Axes:

@@ -14,13 +14,14 @@ from ..plots.designs import design_overview
 from ..plots.environment import vibration
 from ..plots.fits import fit_overview
 from ..plots.loads import greatest_loads
+from ..plots.maps import of_basins
 from ..plots.runs import run_overview
 from ..plots.style import Units
 from ..plots.sweeps import of_sweep
 from ..plots.telemetry import record_over_model
 from ..plots.trajectories import overview
 from ..tools.checks import require
-from . import cases, comparisons, environments, loads, motions, runs, searches, telemetry
+from . import basins, cases, comparisons, environments, loads, motions, runs, searches, telemetry
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -53,6 +54,7 @@ KINDS: dict[str, Kind] = {
     "continue_motion": BRANCH._replace(plot=partial(branches, quantity="state_0")),
     "sweep": SWEEP,
     "follow": SWEEP,
+    "basins": Kind(basins.summary, basins.tables, of_basins),
     "run": Kind(runs.summary, runs.tables, run_overview, "Run over a rail", runs.report),
     "compare": Kind(comparisons.summary, comparisons.tables, comparison, "Designs compared"),
     "environment": Kind(

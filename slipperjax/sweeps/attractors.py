@@ -7,6 +7,7 @@ import xarray as xr
 from jaxtyping import Float, Int
 
 from ..analysis.attractor import Attractors, classify
+from ..analysis.basins import matched
 from ..analysis.kinds import Regime
 from ..flow.status import Status
 from ..model.parameters import STARTS
@@ -96,7 +97,8 @@ def groups(ds: xr.Dataset, last: int = 20, tolerance: float = 0.05, reach: float
 
     **Returns:** an `xarray.Dataset`, which `slipperjax.plots.basin_map` draws: `basin`, the number of each case's
     attractor, -1 for cases with a status other than 0; for each `attractor`, `basin_period`, the forcing periods
-    after which it recurs, 0 if it does not, and `share` of the cases [1], at each value of the parameters.
+    after which it recurs, 0 if it does not, and `share` of the cases
+    [1], with `share_stderr`, at each value of the parameters.
     """
     states = strobe_states(ds, last) / COORDINATE_SCALES
     strobe = ds["strobe"].isel(strobe_period=0, coordinate=0, drop=True)
@@ -106,103 +108,15 @@ def groups(ds: xr.Dataset, last: int = 20, tolerance: float = 0.05, reach: float
     place = strobe.copy(data=np.arange(strobe.size).reshape(strobe.shape)).transpose(*over, ...).values
     outer = place.shape[: len(over)]
     place = place.reshape(*outer, -1)
-    marks, periods = _marks(states.reshape(-1, *states.shape[-2:]), tolerance / 10)
-    numbers, kinds = _numbered(marks[place], periods[place], tolerance, reach)
-    sizes = np.bincount(numbers[numbers >= 0], minlength=len(kinds))
-    order = np.argsort(-sizes, kind="stable")
-    rank = np.append(np.argsort(order), -1)  # whose last entry keeps -1, as it is the entry at -1
-    ranked = rank[numbers]
+    found = matched(states.reshape(-1, *states.shape[-2:])[place], tolerance, reach)
     basin = np.empty(strobe.shape, int)
-    np.put(basin, place, ranked)
-    rows = ranked.reshape(-1, ranked.shape[-1])
-    counts = [np.bincount(at_one[at_one >= 0], minlength=len(kinds)) for at_one in rows]
-    share = np.reshape(counts, (*outer, len(kinds))) / rows.shape[1]
+    np.put(basin, place, found.number)
     text = "attractor, by falling size of its basin; -1 for cases with a status"
     data = {
         "basin": column(strobe.dims, basin, "", text),
-        "basin_period": column("attractor", np.array(kinds, int)[order], "1", "forcing periods"),
-        "share": column((*over, "attractor"), share, "1", "share of the cases"),
+        "basin_period": column("attractor", found.period, "1", "forcing periods"),
+        "share": column((*over, "attractor"), found.share, "1", "share of the cases"),
+        "share_stderr": column((*over, "attractor"), found.stderr, "1", "standard error of a share of random starts"),
     }
-    made = xr.Dataset(data, strobe.coords, ds.attrs)
-    return made if "status" not in ds else made.assign(status=ds["status"])
-
-
-def _marks(states: np.ndarray, near: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean and spread of scaled states (cases, periods, 10) over whole recurrences, (cases, 20), and the
-    number of periods of a recurrence: 0 for motions that do not recur, -1 for motions that are not finite."""
-    periods = states.shape[1]
-    marks = np.concatenate([states.mean(axis=1), states.std(axis=1)], axis=-1)
-    found = np.where(np.isfinite(marks).all(axis=-1), 0, -1)
-    for n in range(1, periods // 2 + 1):
-        open_ = np.flatnonzero(found == 0)
-        of = states[open_]
-        recurs = np.max(np.abs(of[:, n:] - of[:, :-n]), axis=(1, 2)) < near
-        # the latest states, over whole multiples of n
-        used = of[recurs, periods % n :]
-        marks[open_[recurs]] = np.concatenate([used.mean(axis=1), used.std(axis=1)], axis=-1)
-        found[open_[recurs]] = n
-    return marks, found
-
-
-class _Basin(NamedTuple):
-    """An attractor at one value of the parameters, and the cases that lead to it."""
-
-    period: int
-    mark: Float[np.ndarray, " marks"]
-    cases: Int[np.ndarray, " some"]
-
-
-def _numbered(
-    marks: np.ndarray, periods: np.ndarray, tolerance: float, reach: float
-) -> tuple[Int[np.ndarray, "*parameters starts"], list[int]]:
-    """Return the number of each case's attractor, -1 for none, and the period of each number.
-
-    **Arguments:** `marks`, `periods`: as of `_marks`, (*parameters, starts, ...).
-    """
-    numbers = np.full(periods.shape, -1)
-    kinds: list[int] = []
-    found: dict[tuple[int, ...], dict[int, _Basin]] = {}
-    for at in np.ndindex(periods.shape[:-1]):
-        # attractors at the previous value of each parameter
-        before = [found.get(tuple(np.subtract(at, step)), {}) for step in np.eye(len(at), dtype=int)]
-        known = [pair for basins in before for pair in basins.items()]
-        found[at] = _named(_basins(marks[at], periods[at], tolerance), known, kinds, reach)
-        for number, basin in found[at].items():
-            numbers[at][basin.cases] = number
-    return numbers, kinds
-
-
-def _basins(marks: np.ndarray, periods: np.ndarray, tolerance: float) -> list[_Basin]:
-    """Return the attractors of some cases, in the order of their first cases."""
-    found = []
-    for n in np.unique(periods[periods >= 0]):
-        left = np.flatnonzero(periods == n)
-        while len(left):
-            first = marks[left[0]]
-            near = np.max(np.abs(marks[left] - first), axis=-1) < (tolerance if n else np.inf)
-            found.append(_Basin(int(n), first, left[near]))
-            left = left[~near]
-    return sorted(found, key=lambda basin: basin.cases[0])
-
-
-def _named(here: list[_Basin], known: list[tuple[int, _Basin]], kinds: list[int], reach: float) -> dict[int, _Basin]:
-    """Return attractors by number, the nearest known attractors first; new ones are added to `kinds`."""
-    near = []
-    for i, basin in enumerate(here):
-        # the marks of motions that do not recur mean nothing
-        alike = [pair for pair in known if pair[1].period == basin.period > 0]
-        marks = np.reshape([other.mark for _, other in alike], (-1, basin.mark.size))
-        apart = np.max(np.abs(marks - basin.mark), axis=1)
-        near += [(apart[k], i, alike[k][0]) for k in np.flatnonzero(apart <= reach)]
-    numbers: dict[int, int] = {}
-    for _, i, number in sorted(near):
-        if i not in numbers and number not in numbers.values():
-            numbers[i] = number
-    for i, basin in enumerate(here):
-        if i not in numbers and basin.period == 0 and 0 in kinds:
-            # all motions that do not recur are one attractor everywhere
-            numbers[i] = kinds.index(0)
-        elif i not in numbers:
-            numbers[i] = len(kinds)
-            kinds.append(basin.period)
-    return {numbers[i]: basin for i, basin in enumerate(here)}
+    kept = {name: ds[name] for name in ("status", "steps_per_period", *STARTS) if name in ds.data_vars}
+    return xr.Dataset(data | kept, strobe.coords, ds.attrs)

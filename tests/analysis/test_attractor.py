@@ -5,7 +5,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from slipperjax.analysis.attractor import classify, rotation_number, zero_one_test
+from slipperjax.analysis.attractor import classify, mean_turn, rotation_number, zero_one_test
 from slipperjax.analysis.kinds import KINDS
 
 GOLDEN = (5**0.5 - 1) / 2
@@ -227,10 +227,21 @@ def test_rotation_numbers():
     wobble = angle + 0.3 * np.sin(angle)
     both = np.stack([wobble, np.angle(np.exp(1j * wobble)), -wobble])
     # of a plain mean 1e-4
-    np.testing.assert_allclose(rotation_number(both), np.mod([GOLDEN, GOLDEN, -GOLDEN], 1), atol=1e-10)
+    np.testing.assert_allclose(mean_turn(both), np.mod([GOLDEN, GOLDEN, -GOLDEN], 1), atol=1e-10)
     # turns to both sides of none
-    assert rotation_number(0.5 * np.sin(angle)) == pytest.approx(0.0, abs=1e-8)
-    assert rotation_number(2 * np.pi / 3 * np.arange(10)) == pytest.approx(1 / 3)
+    assert mean_turn(0.5 * np.sin(angle)) == pytest.approx(0.0, abs=1e-8)
+    assert mean_turn(2 * np.pi / 3 * np.arange(10)) == pytest.approx(1 / 3)
+
+
+def test_rotation_numbers_of_states():
+    phase = 2 * np.pi * GOLDEN * np.arange(1000)
+    curve = np.stack([np.cos(phase) + 0.2 * np.cos(2 * phase), np.sin(phase), 0.3 * np.sin(3 * phase)], axis=-1)
+    # in any direction, from 0 to 1/2
+    found = rotation_number(np.stack([curve, curve[::-1], curve[:, ::-1]]))
+    np.testing.assert_allclose(found, min(GOLDEN, 1 - GOLDEN), atol=1e-10)  # measured 1e-16
+    assert np.isnan(rotation_number(np.random.default_rng(0).standard_normal((500, 2))))
+    with pytest.raises(ValueError, match="`states` must be of three periods or more and of two numbers or more"):
+        rotation_number(curve[:, :1])
 
 
 def test_long_records_take_no_memory_of_all_pairs():
@@ -270,7 +281,7 @@ def test_zero_one_test():
     [
         (lambda x: classify(x[:, 0]), "`strobe` must be of shape"),
         (lambda x: classify(x[:, :1] + 1j * x[:, 1:2]), "`strobe` must be real: .* real and imaginary parts"),
-        (lambda x: rotation_number(x[:2, 0]), "`angle` must be of three periods or more"),
+        (lambda x: mean_turn(x[:2, 0]), "`angle` must be of three periods or more"),
         (lambda x: classify(x[:15]), "`strobe` must be of shape .* with 16 periods or more"),
         (lambda x: classify(x, scales=[1.0, 2.0, 3.0]), "`scales` must be of shape"),
         (lambda x: classify(x, scales=[1.0, 0.0]), "`scales` must be positive"),

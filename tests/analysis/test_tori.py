@@ -1,0 +1,104 @@
+"""Invariant curves: beside long simulations, with locked rotation, and where they end."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from slipperjax import analysis
+
+from .systems import delayed
+
+pytestmark = pytest.mark.full
+
+
+def family(r):
+    return delayed(r, 0.0)
+
+
+def iterates(step, state, count, transient=2000):
+    run = lambda s, k: (step(s, k), s)
+    return np.asarray(jax.lax.scan(run, state, jnp.arange(float(transient + count)))[1])[transient:]
+
+
+@pytest.fixture(scope="module")
+def tori():
+    motions = analysis.PeriodicMotions(family, jnp.zeros(2), 1.0)
+    branch = analysis.continue_motion(motions, (jnp.array([0.4, 0.4]), 1.9), (1.8, 2.2))
+    (birth,) = [event for event in branch.events if event.label == "NS"]
+    return analysis.continue_torus(motions, birth, (1.9, 2.1))
+
+
+def test_torus_from_its_birth_beside_simulations(tori):
+    assert tori.ended == ("Neimark-Sacker", "bound")
+    node, r, rotation = tori.nodes[-1], tori.parameters["r"][-1], tori.rotation[-1]
+    assert r == 2.1
+    states = iterates(family(r), jnp.asarray(tori.at(node).states(node.z))[0], 20_000, 0)
+    # measured 4e-16
+    np.testing.assert_allclose(analysis.rotation_number(states), rotation, atol=1e-10)
+    spectrum = analysis.map_spectrum(family(r), states[-1], 20_000)
+    # measured 8e-12, from the simulation's weighted mean
+    np.testing.assert_allclose(tori.exponents[-1], np.asarray(spectrum.weighted), atol=1e-9)
+    # at the birth the angle of the multipliers is 60 degrees
+    assert tori.rotation[0] == pytest.approx(1 / 6, abs=1e-4)
+
+
+def test_torus_from_simulated_states(tori):
+    motions = tori.equations.motions
+    states = iterates(family(2.1), jnp.array([0.4, 0.45]), 2000)
+    again = analysis.continue_torus(motions, (states, 2.1), (2.05, 2.1))
+    at_start = np.argmax(again.parameters["r"])
+    assert again.rotation[at_start] == pytest.approx(tori.rotation[-1], abs=1e-10)
+
+
+def test_fixed_rotation_number():
+    motions = analysis.PeriodicMotions(delayed, jnp.zeros(2), jnp.ones(2))
+    states = iterates(delayed(2.08, 1e-3), jnp.array([0.4, 0.45]), 2000)
+    tori = analysis.continue_torus(motions, (states, 2.08, 1e-3), ((2.0, 2.2), (0.0, 0.01)))
+    assert np.ptp(tori.rotation) == 0
+    r, c = (values[-1] for values in tori.parameters.values())
+    assert abs(c - 1e-3) > 1e-3
+    found = analysis.rotation_number(iterates(delayed(r, c), jnp.array([0.4, 0.45]), 20_000))
+    # measured 1e-15
+    np.testing.assert_allclose(found, tori.rotation[-1], atol=1e-10)
+
+
+def resonant(turn):
+    """A circle that is turned, with a term that locks the rotation on to 1:5."""
+
+    def step(s, k):
+        z = s[0] + 1j * s[1]
+        z = jnp.exp(2j * jnp.pi * turn) * z * (1.25 - jnp.abs(z) ** 2) + 0.2 * jnp.conj(z) ** 4
+        return jnp.stack([z.real, z.imag])
+
+    return step
+
+
+def test_locking():
+    motions = analysis.PeriodicMotions(resonant, jnp.zeros(2), 1.0)
+    states = iterates(resonant(0.19), jnp.array([0.5, 0.0]), 2000)
+    tori = analysis.continue_torus(motions, (states, 0.19), (0.185, 0.215))
+    (plateau,) = [event for event in tori.events if event.note == "locked 1:5"]
+    # the rotation numbers of simulations within the plateau are 1/5, and outside they are not
+    for turn, inside in [
+        (plateau.low - 1e-4, False),
+        (plateau.low + 1e-4, True),
+        (plateau.high - 1e-4, True),
+        (plateau.high + 1e-4, False),
+    ]:
+        found = analysis.rotation_number(iterates(resonant(turn), jnp.array([0.5, 0.0]), 20_000))
+        assert (abs(found - 0.2) < 1e-9) == inside
+    # followed beyond the plateau
+    assert tori.rotation[0] < 0.2 < tori.rotation[-1]
+    assert tori.ended == ("bound", "bound")
+
+
+def test_lost_torus_ends_with_a_reason(tori):
+    birth = tori.nodes[-1]
+    states = tori.at(birth).states(birth.z)
+    equations = tori.equations.motions
+    simulated = iterates(family(2.1), jnp.asarray(states[0]), 2000, 0)
+    lost = analysis.continue_torus(equations, (simulated, 2.1), (2.05, 2.4), points=41, most=63)
+    assert "resolution" in lost.ended
+    with pytest.raises(ValueError, match="`start` must be states on a closed curve"):
+        analysis.continue_torus(equations, (np.random.default_rng(0).random((500, 2)), 2.1), (2.0, 2.4))
