@@ -455,8 +455,9 @@ class TrackSet(AbstractRail):
 
     @property
     def rails(self):
-        names = self.tracks[0].rails
-        return {name: TrackSet([track.rails[name] for track in self.tracks], self.number) for name in names}
+        sides = {name: TrackSet([track.rails[name] for track in self.tracks]) for name in self.tracks[0].rails}
+        # without the check, because the number is NaN where results state no number that varies
+        return {name: eqx.tree_at(lambda side: side.number, side, self.number) for name, side in sides.items()}
 
     @property
     def gauge(self):
