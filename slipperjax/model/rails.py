@@ -455,9 +455,13 @@ class TrackSet(AbstractRail):
 
     @property
     def rails(self):
-        sides = {name: TrackSet([track.rails[name] for track in self.tracks]) for name in self.tracks[0].rails}
+        names = self.tracks[0].rails
+        sets = {
+            name: TrackSet([track.rails[name] for track in self.tracks])  # pyright: ignore[reportCallIssue] - `ends` is a property
+            for name in names
+        }
         # without the check, because the number is NaN where results state no number that varies
-        return {name: eqx.tree_at(lambda side: side.number, side, self.number) for name, side in sides.items()}
+        return {name: eqx.tree_at(lambda side: side.number, side, self.number) for name, side in sets.items()}
 
     @property
     def gauge(self):

@@ -160,4 +160,4 @@ def _draw_table(ax: Axes, at: xr.Dataset) -> None:
     for (row, _), cell in table.get_celld().items():
         cell.set_linewidth(0.4)
         # the box keeps the ratios of heights
-        cell.set_height(1 + (heads[row - 1].count("\n") if row else 0))
+        cell.set_height(1.4 + (heads[row - 1].count("\n") if row else 0))

@@ -85,7 +85,8 @@ def _load(at: xr.Dataset, name: str, part: str, axis: str) -> Load:
     if f"{name}_value" in at:
         parts = [at[f"{name}_{of}"].values for of in ("value", "stderr", "low", "high")]
         quantiles = np.stack(parts, axis=-1)
-    place, speed = (float(one[f"{name}_{of}"]) for of in ("distance", "speed"))
+    # a load that never acts has no place
+    place, speed = (float(one[f"{name}_{of}"]) if values[k] else np.nan for of in ("distance", "speed"))
     return Load(
         part, axis, float(at["mean"]), float(values[k]), place, speed, ", ".join(named), int(one["status"]), quantiles
     )

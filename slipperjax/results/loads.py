@@ -62,7 +62,6 @@ def _words(ds: xr.Dataset, chosen: ShownUnits) -> Iterator[str]:
             if np.isnan(peak.value):
                 continue
             named = f"{axis} force" if kind == "force" else f"moment {axis}"
-            # a load that never acts has no place
             where = f" at {_place(peak, chosen)}" * bool(peak.value)
             text = f"{part} {named}: {_said(q, peak.value)}{where}".strip()
             means = [f"{_said(q, row.value)} over {1e3 * row.mean:g} ms" for row in mine[1:]]

@@ -74,6 +74,8 @@ def test_loads_and_environment_over_rails_come_from_shares_of_a_store(file, tmp_
     table = pd.read_csv(tmp_path / "loads.csv")
     assert list(table["mean over [ms]"]) == [0, 1, 0, 1]
     assert (table["median +- [lbf]"] > 0).all()
+    # further results have the units of the file, too
+    assert "\nenvironment at (0, 0, 0.164) ft: " in text
     # one specification over all rails, 6 dB above the greatest density of all where it is closest
     assert "\nspecification over 8 rails along " in text
     assert set(pd.read_csv(tmp_path / "loads-environment_specification.csv")["runs"]) == {8}
