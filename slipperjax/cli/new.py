@@ -46,6 +46,7 @@ TRAVEL = 500.0
 TEXTS = {
     "history": "Columns time or distance, and speed, with their units.",
     "begin": "Where along the rail the sled is at the first time, or at distance zero of the file.",
+    "cutoff": "Frequency above which noise is removed; left out: none is.",
     "loads": "Columns time, distance or speed, and force_x (thrust), force_y, force_z, moment_x, ... with units.",
     "inertia": "About x, y and z [kg m^2], ESTIMATED: those of a box around the section, or the slippers of a sled.",
 }
@@ -122,6 +123,7 @@ METRES = Measure(Quantity("mount", "m", "place on the sled"))
     "Travelling speed [m/s], or a table with its history: columns time or distance, and speed.",
     default="1250",
 )
+@_measure("cutoff", "Hz", "frequency above which noise is removed from a history over time")
 @option("--end-speed", Measure(PARAMETERS["speed"]), "Speed at the end of the run [m/s]; default: constant speed.")
 @option(
     "--rail",
@@ -158,6 +160,7 @@ def new(
     record: Path | None,
     force: bool,
     speed: str,
+    cutoff: float | None,
     end_speed: float | None,
     rail: str,
     right_rail: str | None,
@@ -175,10 +178,10 @@ def new(
         if path.exists() and not force:
             raise ValueError(f"{path} is there already: name another one, or replace it by --force.")
     is_sled = sled or bool(mount)
-    places = np.array(mount or (SLED if sled else [[0.0, 0.0, 0.0]]))
+    places = np.vectorize(_plain)(mount or (SLED if sled else [[0.0, 0.0, 0.0]]))
     if numbers["mass"] is None:
         numbers["mass"] = 400.0 if is_sled else 14.0
-    values = {name: float(f"{PARAMETERS[name].from_shown(number):.9g}") for name, number in numbers.items()}
+    values = {name: _plain(PARAMETERS[name].from_shown(number)) for name, number in numbers.items()}
     own_section = _section(section, corner, centre)
     # of a box around all slippers and the centre of mass
     spans = np.ptp(np.append(places, [[0.0, 0.0, 0.0]], axis=0), axis=0)
@@ -190,7 +193,7 @@ def new(
         sides = np.where(places[:, 1] > 0, "left", "right") if places[:, 1].any() else [""] * len(places)
         body["mounts"] = [Mount(*place, rail=str(side)) for place, side in zip(places, sides, strict=True)]
     slipper = Sled(**body) if is_sled else Slipper(**body)
-    way = _way(places, speed, end_speed, rail, right_rail, joints, travel)
+    way = _way(places, speed, cutoff, end_speed, rail, right_rail, joints, travel)
     scene = dataclasses.replace(paper_scene(), slipper=slipper, section=own_section, track=way["track"])
     tables = {**table_of(scene.replace(**values)).values, **way}
     if inertia is None:
@@ -234,6 +237,11 @@ def new(
         write_whole(record, RECORD.format(scene=file.name, record=record.name).encode())
         print(f"wrote {record}: replace its rows by a record of the sensor box")
     print(f"wrote {file}: look through it, and run it by slipperjax run {file}")
+
+
+def _plain(value: float) -> float:
+    """Return a number with nine digits, which a file shows without the rounding of units."""
+    return float(f"{value:.9g}")
 
 
 def _examples() -> dict[str, object]:
@@ -282,6 +290,7 @@ def _section(table: Path | None, corners: Sequence[Sequence[float]], centre: Seq
 def _way(
     places: np.ndarray,
     speed: str,
+    cutoff: float | None,
     end_speed: float | None,
     rail: str,
     right: str | None,
@@ -308,20 +317,24 @@ def _way(
     spans = [min(float(survey.extent) for survey in surveys.values()) - begin] if surveys else []
     history = None
     try:
-        first = float(Measure(PARAMETERS["speed"]).convert(speed, None, None))
+        first = _plain(Measure(PARAMETERS["speed"]).convert(speed, None, None))
     except ValueError:
-        history = load_speed(_existing("--speed", speed, "a speed"))
+        history = load_speed(_existing("--speed", speed, "a speed"), cutoff=cutoff)
         if end_speed is not None:
             raise ValueError(f"Option --end-speed must not be given with the history {speed}.") from None
         spans.append(float(history.distance[-1] - history.distance[0]))
-    length = WINDOW * max(1, int(min(spans, default=TRAVEL) / WINDOW)) if travel is None else travel
+    require(history is not None or cutoff is None, "--cutoff", "come with a history of speeds", cutoff)
+    length = WINDOW * max(1, int(min(spans, default=TRAVEL) / WINDOW)) if travel is None else _plain(travel)
     if history is not None:
         # distances of the rail stay unchanged; other distances begin with the rail
         start = float(history.distance[0])
         on_rail = begin <= start < begin + (spans[0] if surveys else length)
         shift = f"{0.0 if on_rail else begin - start:.9g} m"
-        texts = {"file": TEXTS["history"], "begin": TEXTS["begin"]}
-        way = Table(SpeedProgramme, {"file": str(user_path(speed)), "begin": shift}, texts)
+        texts = {"file": TEXTS["history"], "begin": TEXTS["begin"], "cutoff": TEXTS["cutoff"]}
+        of_file = {"file": str(user_path(speed)), "begin": shift}
+        if cutoff is not None:
+            of_file["cutoff"] = f"{cutoff:.9g} Hz"
+        way = Table(SpeedProgramme, of_file, texts)
     elif end_speed is not None:
         way = Table(SpeedProgramme, {"distance": [begin, begin + length], "speed": [first, end_speed]})
     else:

@@ -242,8 +242,8 @@ def _over_rails(
         ran = over_rail(scene, rails, product=False, **options, store=store, progress=True)
     if _is_share(store):
         return 0
+    keep_units(ran, case)
     report = loads(ran, over="case", **sized)
-    keep_units(report, case)
     said(files.write(report), case.text(start=_start(case)), *report.summary())
     lost = is_lost(report["status"].values).all()
     _report([] if lost else further, ran)

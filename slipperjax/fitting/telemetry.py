@@ -182,7 +182,14 @@ def check_telemetry(
     if record.travel is None:
         ends = np.asarray(scene.seconds(ends / scene.wavelength))
         ends = ends - ends[0]
-    record.within(*ends.tolist())
+    lasts = np.ptp(record.within(*ends.tolist()).time)
+    least = 1 / np.diff(edges).max()
+    require(
+        lasts >= least,
+        "measured",
+        f"overlap with the run for {least:.3g} s or more",
+        shown=f"there for {lasts:.3g} s",
+    )
 
 
 def _check(

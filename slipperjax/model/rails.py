@@ -456,7 +456,12 @@ class TrackSet(AbstractRail):
     @property
     def rails(self):
         names = self.tracks[0].rails
-        return {name: TrackSet([track.rails[name] for track in self.tracks], self.number) for name in names}
+        sets = {
+            name: TrackSet([track.rails[name] for track in self.tracks])  # pyright: ignore[reportCallIssue] - `ends` is a property
+            for name in names
+        }
+        # without the check, because the number is NaN where results state no number that varies
+        return {name: eqx.tree_at(lambda side: side.number, side, self.number) for name, side in sets.items()}
 
     @property
     def gauge(self):

@@ -290,5 +290,6 @@ def _history(name: str, unit: str, values: Numbers, speed: Numbers) -> tuple[np.
         check_no_clock(name, values)
     least = int(np.argmin(speed))
     shown = f"{speed[least]:g} m/s at {name} {values[least]:.10g} {unit}"
-    require(speed[least] > -LEAST_SPEED, "speed", f"not be below -{LEAST_SPEED:g} m/s, which is noise", shown=shown)
+    need = f"not be below -{LEAST_SPEED:g} m/s, which is noise that the `cutoff` of a file removes"
+    require(speed[least] > -LEAST_SPEED, "speed", need, shown=shown)
     return values, np.maximum(speed, 0.0)

@@ -620,6 +620,13 @@ def beginning_of(scene: Scene, begin: Real | None) -> Real:
             last = float(np.asarray(places)[-1])
             need = f"be by distances along the rail, which begins at {origin:.10g} m: or give `begin`"
             require(last >= origin, name, need, shown=f"a table up to {last:.10g} m")
+            first = float(np.asarray(places)[0])
+            if getattr(part, "time", None) is not None and first < origin:
+                # such as the history of a sled that begins with the rail
+                warn(
+                    f"The run begins at {origin:.10g} m, the beginning of the rail, but its speeds over time begin "
+                    f"at {first:.10g} m, so that the sled already moves: give a `begin` to the speeds, or to the run."
+                )
     return track.origin
 
 

@@ -157,5 +157,7 @@ def _draw_table(ax: Axes, at: xr.Dataset) -> None:
     )
     table.auto_set_font_size(False)
     table.set_fontsize(6.5)
-    for cell in table.get_celld().values():
+    for (row, _), cell in table.get_celld().items():
         cell.set_linewidth(0.4)
+        # the box keeps the ratios of heights
+        cell.set_height(1.4 + (heads[row - 1].count("\n") if row else 0))

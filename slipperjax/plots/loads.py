@@ -8,6 +8,7 @@ import xarray as xr
 
 from ..flow.datasets import SCENE_NUMBER
 from ..model.quantities import Quantity, ShownUnits
+from .comparisons import of_runs
 from .style import (
     AXES,
     Units,
@@ -77,11 +78,15 @@ def _load(at: xr.Dataset, name: str, part: str, axis: str) -> Load:
     one = at.isel(where)
     varied = [str(c) for c in at.coords if c != SCENE_NUMBER and set(at[c].dims) & set(dims)]
     named = [quantity_of(c, at).named(float(one[c])) for c in varied]
+    if len(varied) > len(dims):
+        # lists side by side are named by their number
+        named = [f"{dim} {number}" for dim, number in where.items()]
     quantiles = np.zeros((0, 4))
     if f"{name}_value" in at:
         parts = [at[f"{name}_{of}"].values for of in ("value", "stderr", "low", "high")]
         quantiles = np.stack(parts, axis=-1)
-    place, speed = (float(one[f"{name}_{of}"]) for of in ("distance", "speed"))
+    # a load that never acts has no place
+    place, speed = (float(one[f"{name}_{of}"]) if values[k] else np.nan for of in ("distance", "speed"))
     return Load(
         part, axis, float(at["mean"]), float(values[k]), place, speed, ", ".join(named), int(one["status"]), quantiles
     )
@@ -122,10 +127,13 @@ def greatest_loads(ds: object, units: Units = None) -> np.ndarray:
                 label = f"mean over {1e3 * mean:g} ms" if mean else "peak"
                 sizes = q.shown(np.abs([load.value for load in mine]))
                 ax.barh(heights, sizes, thickness, color=line_color(k), label=label, alpha=0.6)
-                for height, load in zip(heights, mine, strict=True):
-                    value, _, low, high = q.shown(load.quantiles.T)
+                values, _, lows, highs = q.shown(np.stack([load.quantiles for load in mine])).T
+                shares = ds["quantile"].values if "quantile" in ds.coords else []
+                for share, value, low, high in zip(shares, values, lows, highs, strict=True):
+                    # stated once, and not for a quantile for which there are too few runs
+                    said = "" if k or np.isnan(value).all() else f"{of_runs(share)}, 95 % interval"
                     ends = np.stack([value - low, high - value])
-                    ax.errorbar(value, np.full(len(value), height), xerr=ends, fmt="o", ms=2, lw=0.8, color="black")
+                    ax.errorbar(value, heights, xerr=ends, fmt="o", ms=2, lw=0.8, color="black", label=said or None)
             ax.set_yticks(range(len(names)), names)
             ax.invert_yaxis()
             ax.set_xlabel(with_unit(name_and_symbol(q), q.display_unit, brackets=True))

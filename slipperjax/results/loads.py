@@ -11,7 +11,7 @@ from ..model.quantities import Quantity, ShownUnits
 from ..plots.comparisons import of_runs
 from ..plots.loads import KINDS, Load, load_quantity, loads_of
 from ..plots.style import Units, shown_units
-from .run_tables import words
+from .run_tables import lines_of, words
 
 DISTANCE = Quantity("distance", "m", "distance travelled")
 SPEED = Quantity("speed", "m/s", "speed")
@@ -32,7 +32,8 @@ def report(ds: xr.Dataset, units: Units = None) -> list[str]:
     """Return the text of a report: lost runs and the tables."""
     text = list(_lost(ds))
     for name, table in tables(ds, units).items():
-        text += [name, "", *table.to_string(index=False, float_format="{:.4g}".format).splitlines(), ""]
+        # quantiles for which there are too few runs are left out
+        text += [name, "", *lines_of(table.dropna(axis=1, how="all")), ""]
     return text
 
 
@@ -61,11 +62,12 @@ def _words(ds: xr.Dataset, chosen: ShownUnits) -> Iterator[str]:
             if np.isnan(peak.value):
                 continue
             named = f"{axis} force" if kind == "force" else f"moment {axis}"
-            text = f"{part} {named}: {_said(q, peak.value)} at {_place(peak, chosen)}".strip()
+            where = f" at {_place(peak, chosen)}" * bool(peak.value)
+            text = f"{part} {named}: {_said(q, peak.value)}{where}".strip()
             means = [f"{_said(q, row.value)} over {1e3 * row.mean:g} ms" for row in mine[1:]]
             shares = zip(ds["quantile"].values if "quantile" in ds.coords else [], peak.quantiles, strict=False)
             known = [f"{of_runs(s)} {_said(q, v)} +- {_said(q, e)}" for s, (v, e, *_) in shares if np.isfinite(v)]
-            parts = [f"means {', '.join(means)}" * bool(means), f"over runs {', '.join(known)}" * bool(known)]
+            parts = [f"means {', '.join(means)}" * bool(means), f"peaks over runs: {', '.join(known)}" * bool(known)]
             yield "; ".join(filter(None, [text, *parts]))
 
 

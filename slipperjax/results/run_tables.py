@@ -1,6 +1,7 @@
 """Tables of a run: its windows, its hundreds of metres and its worst places, with units in their headers."""
 
 import itertools
+import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -133,6 +134,21 @@ def of_worst(windows: pd.DataFrame) -> pd.DataFrame:
 def words(code: int) -> str:
     """Return a status in one or two words."""
     return Status(code).name.lower().replace("_", " ")
+
+
+def lines_of(table: pd.DataFrame, form: str = "{:.4g}") -> list[str]:
+    """Return a table as lines of a page, with the words of its header below each other, so that long lines fit.
+
+    **Arguments:** `form`: of numbers that are not whole.
+    """
+    # a unit in brackets is one word
+    heads = [re.split(r"\s+(?![^\[]*\])", str(name)) for name in table]
+    cells = [
+        [form.format(v) if isinstance(v, float) else str(v) for v in row] for row in table.itertuples(index=False)
+    ]
+    rows = [*itertools.zip_longest(*heads, fillvalue=""), *cells]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return ["  ".join(map(str.rjust, row, widths)) for row in rows]
 
 
 def tables(view: RunView) -> dict[str, pd.DataFrame]:

@@ -39,7 +39,7 @@ def report(ds: xr.Dataset, units: Units = None) -> list[str]:
     worst = run_tables.tables(view)["worst places"]
     if len(worst):
         text += ["", f"Worst places, {view.said('distance', APART)} apart or more", ""]
-        text += worst.to_string(index=False, float_format="{:.2f}".format).splitlines()
+        text += run_tables.lines_of(worst, "{:.2f}")
     return [*text, "", "Scene", "", *_described(view)]
 
 

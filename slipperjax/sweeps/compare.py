@@ -224,7 +224,8 @@ def _compared(
     is_best = (np.arange(count) == best).reshape(designs.shape)
     data["best"] = column(dims, is_best, "", "whether the design has the lowest value of the last quantile")
     coords = designs.coordinates() | {"quantile": column("quantile", list(shares), "1", "share of the runs below")}
-    return xr.Dataset(data, coords, ds.attrs | {"record": record})
+    # rails vary in runs, but are no coordinates of a comparison
+    return xr.Dataset(data, coords, ds.attrs | {"record": record, "varied": json.dumps(list(designs.axes))})
 
 
 def over_rails(

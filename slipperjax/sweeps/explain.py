@@ -1,5 +1,6 @@
 """Time, memory and disk of a sweep before it begins, measured on a few of its cases."""
 
+import inspect
 import time
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -45,7 +46,8 @@ def explain(
 
     **Raises:** `ValueError` that names the wrong argument.
     """
-    require(callable(function), "function", "be a function such as slipperjax.sweep", function)
+    need = "be a function of a grid, such as slipperjax.sweep or slipperjax.run"
+    require(callable(function) and "grid" in inspect.signature(function).parameters, "function", need, function)
     target = None if store is None else Store.of(store)
     scene = at_speed(scene, options.pop("speed", None))
     cases = Grid(scene, grid, product=options.get("product", True))

@@ -195,6 +195,17 @@ def test_points_keep_their_names(tables, tmp_path, capsys):
     assert "must have another name for each point, but has Q, A, B" in error
 
 
+def test_noise_of_speeds_is_filtered_and_units_leave_no_rounding(tmp_path, capsys):
+    time = np.arange(0.0, 2.0, 0.005)
+    speed = np.where(time < 0.5, 0.0, 600 * (time - 0.5)) + np.random.default_rng(0).normal(0.0, 5.0, time.size)
+    rows = [f"{t:.3f},{v:.2f}" for t, v in zip(time, speed, strict=True)]
+    (tmp_path / "speed.csv").write_text("\n".join(["time [s],velocity [ft/s]", *rows]))
+    scene = written(tmp_path, capsys, "--speed", tmp_path / "speed.csv", "--cutoff", 5, "--travel", "300 ft")
+    assert "low-pass 5 Hz" in scene.speed.source
+    assert float(scene.speed.speed[-1]) == pytest.approx(900 * 0.3048, rel=0.02)
+    assert 'length = "91.44 m"' in (tmp_path / "sled.toml").read_text()
+
+
 @pytest.mark.full
 @pytest.mark.filterwarnings("ignore:File .* has columns that are not read")
 def test_her_own_files_run(tables, tmp_path, capsys):
@@ -247,6 +258,7 @@ def test_corners_of_a_drawing(tmp_path, capsys):
         (["--right-rail", "sled"], "Option --right-rail must come with --sled, or a --mount on it"),
         (["--sled", "--right-rail", "sledd"], "Option --right-rail must be a file, or one of sled"),
         (["--mount", 1, 0, 0, "--mount", -1, 1, 0], "Option --mount must have a y above or below 0 for each"),
+        (["--cutoff", 5], "Option --cutoff must come with a history of speeds, but is 5"),
         (["--speed", "none.csv"], "Option --speed must be a file, or a speed, but is 'none.csv'"),
         (["--corner", 1, 2], "Option --corner must have two points for each face, but has 1 points"),
         (["--friction", -1], "Argument `coefficient` must be zero or positive, but is -1"),

@@ -70,10 +70,12 @@ def test_loads_and_environment_over_rails_come_from_shares_of_a_store(file, tmp_
     assert "share 1/2: 4 of 8 cases" in first
     assert not (tmp_path / "loads.csv").exists()
     text, _ = call([*words, "--share", "2/2"], capsys)
-    assert "over runs median " in text
+    assert "peaks over runs: median " in text
     table = pd.read_csv(tmp_path / "loads.csv")
     assert list(table["mean over [ms]"]) == [0, 1, 0, 1]
     assert (table["median +- [lbf]"] > 0).all()
+    # further results have the units of the file, too
+    assert "\nenvironment at (0, 0, 0.164) ft: " in text
     # one specification over all rails, 6 dB above the greatest density of all where it is closest
     assert "\nspecification over 8 rails along " in text
     assert set(pd.read_csv(tmp_path / "loads-environment_specification.csv")["runs"]) == {8}

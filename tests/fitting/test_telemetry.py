@@ -264,6 +264,10 @@ def test_a_record_of_the_model_s_own_motion_lies_on_the_line():
         ),
         (dict(time=1e9 + np.arange(99) / 8192, value=TIME[:99]), "not be times of a clock"),
         (dict(time=TIME[:99], value=TIME[:99], speed=-TIME[:99]), "speeds of zero or more"),
+        (
+            dict(time=TIME[:99], value=TIME[:99]),
+            "with the run for 0.0092 s or more, but is there for 0.00383 s",
+        ),
         (dict(time=5 + TIME[:99], value=TIME[:99]), "within the run, 0 to 2 s, but has 0: 5 to 5.004 s"),
         (
             dict(time=TIME[:99], value=TIME[:99], distance=1e4 + TIME[:99]),

@@ -2,6 +2,7 @@
 
 import dataclasses
 import re
+import warnings
 
 import jax
 import jax.numpy as jnp
@@ -13,6 +14,7 @@ import slipperjax as sj
 from slipperjax.design import sensitivities
 from slipperjax.model.layout import coordinates
 from slipperjax.model.parameters import parameter
+from slipperjax.orbits.simulate import beginning_of
 from slipperjax.sweeps.exponents import LyapunovExponents
 
 from ..common import sled_on
@@ -226,6 +228,18 @@ def test_tables_by_distance_must_reach_the_rail():
     there = sj.run(dataclasses.replace(FAR, speed=fast(begin=FIRST)), length=16.0, steps_per_period=STEPS)
     here = sj.run(dataclasses.replace(NEAR, speed=fast()), length=16.0, steps_per_period=STEPS)
     np.testing.assert_allclose(there["speed"], here["speed"])
+
+
+def test_times_that_begin_before_the_rail_warn():
+    history = sj.SpeedProgramme.over_time([0.0, 10.0, 2e3], [0.0, 900.0, 900.0])
+    scene = dataclasses.replace(FAR, speed=history)
+    with pytest.warns(sj.ImplausibleWarning, match="begins at 129773 m, the beginning of the rail, but its speeds"):
+        assert beginning_of(scene, None) == FIRST
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert beginning_of(scene, FIRST + 8.0) == FIRST + 8.0
+        moved = sj.SpeedProgramme.over_time([0.0, 10.0], [0.0, 900.0], begin=FIRST)
+        assert beginning_of(dataclasses.replace(FAR, speed=moved), None) == FIRST
 
 
 def test_sums_and_sets_begin_where_all_of_their_rails_are_known():

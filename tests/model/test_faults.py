@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
+from slipperjax.flow.datasets import scene_attributes
 from slipperjax.model import scene_from_json, scene_from_toml, scene_to_json
 from slipperjax.sweeps.compare import on_rails
 
@@ -103,6 +104,17 @@ def test_other_rails_keep_the_faults_of_a_rail():
     assert list(rails) == ["track.one.seed"]
     assert rails["track.one.seed"].tolist() == [3.0, 4.0]
     assert scene.track.faults == track.faults
+
+
+def test_results_over_pairs_of_rails_with_faults_state_no_rail():
+    rail = sj.model.SampledTrack(np.arange(400) / 4, 0.0, 1e-3 * np.random.default_rng(0).normal(size=400))
+    track = sj.model.FaultyTrack(sj.model.TwoRails(rail, rail), [sj.model.Fault(20.0, 1e-3, 1.0, kind="joint")])
+    scene = dataclasses.replace(scene_from_toml(FAULTS).scene, track=track)
+    many, rails = on_rails(scene, 2)
+    # numbers of rails become NaN, with which the track must still answer
+    stated = scene_attributes(many, list(rails))
+    assert stated["contact_memory"] == "PeakRateLatch"
+    assert stated["wavelength [m]"] == scene_attributes(scene)["wavelength [m]"]
 
 
 def test_a_fault_on_a_survey_is_at_a_station(tmp_path):

@@ -145,7 +145,9 @@ def over_time(*columns):
     return lambda: sj.SpeedProgramme.over_time(*columns)
 
 
-NOISE = "`speed` must not be below -1 m/s, which is noise, but is -3 m/s at time 0 s"
+NOISE = (
+    "`speed` must not be below -1 m/s, which is noise that the `cutoff` of a file removes, but is -3 m/s at time 0 s"
+)
 TWICE = [0.0, 1.0, 2.0], [0.0, 0.0, 9.0]
 BAD = {
     "Argument `speed` must be positive, but is 0": lambda: sj.SpeedProgramme([0.0, 1.0], [0.0, 2.0]),

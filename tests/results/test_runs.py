@@ -11,8 +11,9 @@ import xarray as xr
 import slipperjax as sj
 from slipperjax import plots
 from slipperjax.plots.runs import RunView
-from slipperjax.results.run_tables import of_hundreds, of_windows, of_worst
+from slipperjax.results.run_tables import lines_of, of_hundreds, of_windows, of_worst
 from slipperjax.results.runs import report, summary, tables
+from slipperjax.results.writing import WIDTH
 
 from ..plots.shown import legend
 from ..plots.test_runs import BEGIN, WINDOWS, made
@@ -176,6 +177,19 @@ def test_reports_say_the_run_its_worst_places_and_its_scene_in_a_user_s_units():
     assert "Worst places, 32.81 ft apart or more" in words
     assert any(re.search("clearance 0.03937 in, .* mass 30.865 lb", line) for line in words)
     assert "slipper: Slipper(mass=14 kg, inertia=[0.051, 0.06, 0.086] kg m^2, length=0.2 m)" in words
+
+
+def test_long_headers_of_a_table_take_several_lines():
+    table = pd.DataFrame({"part": ["left1", "cut"], "greatest moment [ft lbf]": [-1234.5678, 7.0], "run": [3, 12]})
+    assert lines_of(table) == [
+        " part  greatest  run",
+        "         moment     ",
+        "       [ft lbf]     ",
+        "left1     -1235    3",
+        "  cut         7   12",
+    ]
+    # the worst places of a sled fit a page
+    assert max(map(len, lines_of(tables(with_net_loads(run()), FEET)["worst places"], "{:.2f}"))) <= WIDTH
 
 
 def test_a_lost_run_has_no_numbers_anywhere():

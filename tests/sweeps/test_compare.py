@@ -1,6 +1,7 @@
 """Designs compared over the same rails and starts: which runs are made, and what is said of them."""
 
 import dataclasses
+import json
 import re
 
 import matplotlib.pyplot as plt
@@ -74,6 +75,7 @@ def test_the_first_rail_of_a_survey_is_the_survey(two_rails):
     highest = alone.max(set(alone.dims) - {"clearance"})
     np.testing.assert_allclose(ds["runs"][:, 0, 0], highest, rtol=1e-6)
     assert np.all(np.abs(ds["runs"][:, 1, 0] - highest) > 1.0)
+    assert float(ds.isel(clearance=1).scene.value("clearance")) == pytest.approx(DESIGNS["clearance"][1])
 
 
 @pytest.mark.full
@@ -131,6 +133,10 @@ def made(numbers, seed=0, shares=(0.5, 0.95)):
     status = np.where(np.isnan(numbers), 1, 0)
     found = _compared(Grid(SCENE, DESIGNS), numbers, status, ds, "peak_force", shares, seed)
     return found.assign_attrs(call='{"function": "compare"}')
+
+
+def test_a_comparison_varies_its_designs_and_no_rails():
+    assert json.loads(made(drawn(8, 1, 5), shares=[0.5]).attrs["varied"]) == list(DESIGNS)
 
 
 def test_equal_runs_that_share_their_rails_are_worth_one():

@@ -36,6 +36,11 @@ def test_an_estimate_measures(tmp_path, monkeypatch):
     assert found.stored < size < 8 * found.stored
 
 
+def test_only_functions_of_a_grid_are_explained():
+    with pytest.raises(ValueError, match="`function` must be a function of a grid, such as"):
+        sj.explain(sj.compare, SCENE, {"speed": [1000.0]}, length=8.0)
+
+
 def test_a_run_from_standstill_has_steps_of_its_own(monkeypatch):
     asked = []
 
