@@ -25,7 +25,7 @@ from ..tools.types import Real
 from .arclength import Node, Pace, check_within, checked_bounds, correct
 from .continuation import Branch, begun, check_found, extend
 from .degenerate import PointSearch, resonant_end
-from .events import Event, EventSearch, observed, resonance
+from .events import NoSearch, observed, resonance
 from .floquet import product, solve
 from .newton import AbstractEquations, Linearisation, NullVectors, newton, without_derivatives
 from .shooting import PeriodicMotions, Shot
@@ -246,15 +246,6 @@ def _updated(equations: ConditionedMotions, static: tuple, z: Array):
     return equations.condition.update(motions.state(z), *motions.values(z))  # type: ignore[attr-defined]
 
 
-class _Unsearched(EventSearch):
-    """No search for events, on curves of motions with a condition."""
-
-    smooth = False
-
-    def between(self, a: Node, b: Node) -> list[Event]:
-        return []
-
-
 def continue_critical(
     equations: CriticalMotions | ConditionedMotions,
     state: PyTree | Node,
@@ -301,7 +292,7 @@ def continue_critical(
         pair = np.pi * np.floor(first.z[-1] / np.pi) + [1e-3, np.pi - 1e-3]
         limits.append(tuple(pair))
     begin = begun(equations.update(first.z, first.null_vectors), observed(first, None), pace, ways)
-    search = PointSearch if isinstance(equations, CriticalMotions) else _Unsearched
+    search = PointSearch if isinstance(equations, CriticalMotions) else NoSearch
     curve = extend(begin, *limits, tolerance=tolerance, pace=pace, search=search, **options)
     # both ends in turn
     for _ in range(2):

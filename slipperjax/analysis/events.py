@@ -313,3 +313,12 @@ def _critical(label: str, node: Node, index: int) -> complex:
     if label == "NS":
         return complex(mu[index].real, abs(mu[index].imag))
     return complex(mu[np.argmin(np.abs(mu - (-1.0 if label == "PD" else 1.0)))])
+
+
+class NoSearch(EventSearch):
+    """No search for events, on curves of motions with a condition."""
+
+    smooth = False
+
+    def between(self, a, b):
+        return []

@@ -26,7 +26,7 @@ from ..tools.types import Real
 from .arclength import Node, Pace, checked_bounds, correct
 from .continuation import Branch, End, begun, check_found, extend
 from .critical import CRITICAL_MULTIPLIERS, AbstractExtended
-from .events import observed
+from .events import NoSearch, observed
 from .hybrid import ImpactStep, along, rk4
 from .newton import Linearisation
 from .shooting import PeriodicMotions
@@ -183,7 +183,7 @@ def continue_grazing(
     check_found("state", "a motion that grazes the stop", first, tolerance)
     start = begun(equations, observed(first, None), pace)
     free = (-np.inf, np.inf)
-    curve = extend(start, *limits, free, free, tolerance=tolerance, pace=pace, locate=False, points=points)
+    curve = extend(start, *limits, free, free, tolerance=tolerance, pace=pace, search=NoSearch, points=points)
     curve = _cut(curve, first)
     pairs = zip(curve.nodes, curve.nodes[1:], strict=False)
     found = [point for pair in pairs for label in LEAVING for point in _leaving(equations, *pair, label, tolerance)]
@@ -210,7 +210,7 @@ def leave_grazing(
     free = (-np.inf, np.inf)
     further = [free, (0.0, np.inf), *[free] * (point.equations.further - 2)]
     start = begun(point.equations, observed(point.node, None), pace, ways=(1,))
-    curve = extend(start, *limits, *further, tolerance=tolerance, pace=pace, locate=False, points=points)
+    curve = extend(start, *limits, *further, tolerance=tolerance, pace=pace, search=NoSearch, points=points)
     return _cut(curve, point.node)
 
 

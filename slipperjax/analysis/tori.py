@@ -19,7 +19,7 @@ from ..tools.compile import call_compiled
 from ..tools.types import Numbers, Real
 from .arclength import Node, Pace, Walk, checked_bounds, correct
 from .attractor import rotation_number
-from .continuation import Branch, End, check_found, continue_motion, parameter_places
+from .continuation import Branch, End, check_found, continue_motion
 from .events import Event
 from .floquet import product
 from .lyapunov import weighted_mean
@@ -129,9 +129,8 @@ class Tori(Branch):
     interval); one of them is 1, along the curve. Nodes may have different numbers of unknowns."""
 
     @property
-    def parameters(self) -> dict[str, np.ndarray]:
-        """Values of each parameter, of shape (points,), by the names of the arguments of `family`."""
-        return {name: np.array([self.at(node).values(node.z)[k] for node in self.nodes]) for k, name in self._names()}
+    def parameters(self) -> np.ndarray:
+        return np.array([self.at(node).values(node.z) for node in self.nodes])
 
     @property
     def rotation(self) -> Float[np.ndarray, " points"]:
@@ -149,14 +148,9 @@ class Tori(Branch):
         return _sized(self.equations, node.z)
 
     def __repr__(self) -> str:
-        names = " and ".join(name for _, name in self._names())
         locked = "; ".join(f"{event.note} from {event.low:.6g} to {event.high:.6g}" for event in self.events)
-        return f"Tori({len(self.nodes)} points over {names}; from {' to '.join(self.ended)}; {locked})"
-
-    def _names(self) -> list[tuple[int, str]]:
-        assert isinstance(self.equations, InvariantCurves)
-        motions = self.equations.motions
-        return list(enumerate(parameter_places(motions, motions.size + np.size(motions.reach))))
+        over = " and ".join(self.names)
+        return f"Tori({len(self.nodes)} points over {over}; from {' to '.join(self.ended)}; {locked})"
 
 
 def _sized(equations: InvariantCurves, z: Array | np.ndarray) -> InvariantCurves:
@@ -383,7 +377,7 @@ class _Search:
             return None
         note = f"locked {share.numerator}:{share.denominator}"
         low, high = plateau
-        event = Event("LK", last, low, high, True, note=note, place=own)
+        event = Event("LK", last, low, high, True, note=note, places=(own,))
         beyond = self._beyond(equations, last, *((high, high - low) if way > 0 else (low, low - high)))
         return note, event, beyond
 

@@ -31,7 +31,7 @@ def tori():
 
 def test_torus_from_its_birth_beside_simulations(tori):
     assert tori.ended == ("Neimark-Sacker", "bound")
-    node, r, rotation = tori.nodes[-1], tori.parameters["r"][-1], tori.rotation[-1]
+    node, r, rotation = tori.nodes[-1], tori.parameters[-1, 0], tori.rotation[-1]
     assert r == 2.1
     states = iterates(family(r), jnp.asarray(tori.at(node).states(node.z))[0], 20_000, 0)
     # measured 4e-16
@@ -47,7 +47,7 @@ def test_torus_from_simulated_states(tori):
     motions = tori.equations.motions
     states = iterates(family(2.1), jnp.array([0.4, 0.45]), 2000)
     again = analysis.continue_torus(motions, (states, 2.1), (2.05, 2.1))
-    at_start = np.argmax(again.parameters["r"])
+    at_start = np.argmax(again.parameters[:, 0])
     assert again.rotation[at_start] == pytest.approx(tori.rotation[-1], abs=1e-10)
 
 
@@ -56,7 +56,7 @@ def test_fixed_rotation_number():
     states = iterates(delayed(2.08, 1e-3), jnp.array([0.4, 0.45]), 2000)
     tori = analysis.continue_torus(motions, (states, 2.08, 1e-3), ((2.0, 2.2), (0.0, 0.01)))
     assert np.ptp(tori.rotation) == 0
-    r, c = (values[-1] for values in tori.parameters.values())
+    r, c = tori.parameters[-1]
     assert abs(c - 1e-3) > 1e-3
     found = analysis.rotation_number(iterates(delayed(r, c), jnp.array([0.4, 0.45]), 20_000))
     # measured 1e-15

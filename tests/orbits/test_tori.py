@@ -17,7 +17,7 @@ def test_torus_beside_a_simulation():
     options = dict(points=15, most=31, accuracy=1e-5, tolerance=1e-9, count=3)
     tori = analysis.continue_torus(motions, birth, (0.1445, 0.147), **options)
     print(tori, tori.rotation)
-    ((_, lengths),) = tori.parameters.items()
+    lengths = tori.values
     node, length = tori.nodes[0], lengths[0]
     first = jnp.asarray(tori.at(node).states(node.z)[0])
     advance = lambda s, _: (motions.mapped(jnp.append(s, length)), s)
