@@ -139,13 +139,12 @@ def words(code: int) -> str:
 def lines_of(table: pd.DataFrame, form: str = "{:.4g}") -> list[str]:
     """Return a table as lines of a page, with the words of its header below each other, so that long lines fit.
 
-    **Arguments:** `form`: of numbers that are not whole.
+    **Arguments:** `form`: of numbers that are not whole; missing numbers are left out.
     """
     # a unit in brackets is one word
     heads = [re.split(r"\s+(?![^\[]*\])", str(name)) for name in table]
-    cells = [
-        [form.format(v) if isinstance(v, float) else str(v) for v in row] for row in table.itertuples(index=False)
-    ]
+    shown = lambda value: form.format(value).replace("nan", "") if isinstance(value, float) else str(value)
+    cells = [list(map(shown, row)) for row in table.itertuples(index=False)]
     rows = [*itertools.zip_longest(*heads, fillvalue=""), *cells]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return ["  ".join(map(str.rjust, row, widths)) for row in rows]
