@@ -30,7 +30,7 @@ from ..model.dynamics import (
     per_period,
     slipper_wrenches,
 )
-from ..model.kinematics import Contacts, Motion, RailFrame, contacts, modal_compliance
+from ..model.kinematics import Contacts, Motion, RailFrame, bent, contacts, modal_compliance
 from ..model.layout import coordinate_rows
 from ..model.scene import Scene
 from ..model.sliding import tractions
@@ -444,11 +444,11 @@ class Course:
     def _contacts(self) -> tuple[RailFrame, Contacts]:
         """Rail and contacts at both ends of every step."""
 
-        def at(place: Array, m: Motion) -> tuple[RailFrame, Contacts]:
-            frame = self.args.frame(place / self.steps)
-            return frame, contacts(frame, m)
+        def at(place: Array, state: State) -> tuple[RailFrame, Contacts]:
+            frame = bent(self.args.frame(place / self.steps), state.rail)
+            return frame, contacts(frame, state.motion)
 
-        frame, now = jax.vmap(at)(jnp.arange(self.capacity + 1), self.states.motion)
+        frame, now = jax.vmap(at)(jnp.arange(self.capacity + 1), self.states)
         # stored, so that XLA does not compute these values again in each use
         return frame, now._replace(gap=store(now.gap), rate=store(now.rate))
 

@@ -230,6 +230,13 @@ class RailStep(NamedTuple):
         return pressed(RailState(free.deflection, free.rate, total), *zip(self.ends, (mean, early), strict=True))
 
 
+def weights_of(rail: RailState) -> RailState:
+    """Return the weights of a tangent's parts: waves count in millimetres, of which the other parts are sums."""
+    none = jnp.zeros_like(rail.rate)
+    wave = jnp.full_like(rail.waves[0], 1e3)
+    return RailState(none, none, (wave, wave))
+
+
 def pressed(free: RailState, *loads: tuple[Array, Array]) -> RailState:
     """Return rails with the deflections and rates at the nodes by forces, each with its compliance."""
     more = sum(jnp.sum(compliance * force[:, None, None], axis=-1) for compliance, force in loads)

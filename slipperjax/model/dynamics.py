@@ -56,6 +56,10 @@ class State(eqx.Module):
     rail: RailState | None = None
     """How the rails bend; None for rigid rails."""
 
+    def at_nodes(self) -> "State":
+        """The state with the rails' deflections alone, without their waves."""
+        return self if self.rail is None else eqx.tree_at(lambda state: state.rail.waves, self, None)
+
     def __repr__(self) -> str:
         return f"State({self.motion!r}, memory={shown_number(self.memory)})"
 

@@ -381,8 +381,7 @@ def rail_step(scene: Scene, speed: Real, seconds: Real, points: Points | None = 
     points = contact_points(scene) if points is None else points
     rails = scene.track.rails or {"": None}
     on = [[len(rails) == 1 or slipper.rail == name for slipper in scene.mounted] for name in rails]
-    nodes = scene.points // len(scene.section.names)
-    places = points.arm[0].reshape(nodes, -1)[:, 0]
+    places = points.arm[0].reshape(scene.nodes[1], -1)[:, 0]
     return scene.beam.step(np.repeat(np.array(on, float), 2, axis=1), places, speed, seconds)
 
 

@@ -262,6 +262,11 @@ class Scene(ShapeChecked):
         return [f"{slipper}_{name}" for slipper in slippers for name in names] if slippers else names
 
     @property
+    def nodes(self) -> tuple[int, int]:
+        """Numbers of rails, and of track nodes under the ends of all slippers."""
+        return len(self.track.rails or [""]), 2 * len(self.mounted)
+
+    @property
     def points(self) -> int:
         """Number of all contact points."""
         return math.prod(self.point_shape)
