@@ -19,6 +19,7 @@ from jaxtyping import Array, Float
 
 from ..tools.checks import not_negative, number, positive, require
 from ..tools.fields import ShapeChecked, field
+from ..tools.forms import store, sums
 from ..tools.tracing import is_traced
 from ..tools.types import Real
 
@@ -205,14 +206,19 @@ class RailStep(NamedTuple):
     def free(self, waves: Waves) -> RailState:
         """Return the rails after the step without forces."""
         waves = _times(waves, self.decay)
+        at_nodes = []
+        # all sums in one pass over the modes
+        for moves in (waves, _times(waves, self.exponent)):
+            x, y = (part[:, :, 0] + part[:, :, 1] for part in moves)
+            at_nodes += [real[:, None] * x - imag[:, None] * y for real, imag in self._nodes]
+        deflection, rate = jnp.reshape(jnp.stack(sums(*at_nodes)), (2, -1, *x.shape[:2])).sum(2).mT
+        return RailState(deflection, rate, waves)
+
+    @property
+    def _nodes(self) -> list[Waves]:
+        """The modes at each node, (rails, modes)."""
         real, imag = self.shape
-
-        def at_nodes(waves: Waves) -> Array:
-            """Return the real part of the sum of all waves at each node."""
-            parts = zip((real, -imag), waves, strict=True)
-            return sum(jnp.einsum("rjn,rdn->dj", of, jnp.sum(part, axis=2)) for of, part in parts)
-
-        return RailState(at_nodes(waves), at_nodes(_times(waves, self.exponent)), waves)
+        return [(real[:, j], imag[:, j]) for j in range(real.shape[1])]
 
     def halfway(self, start: RailState, free: RailState) -> RailState:
         """Return the free rails in the middle of the step, by the cubic between both ends."""
@@ -222,11 +228,14 @@ class RailStep(NamedTuple):
 
     def end(self, free: RailState, mean: Array, early: Array) -> RailState:
         """Return the rails after forces by their two means, see `driven`."""
-        real, imag = self.shape
         total = free.waves
         for force, driven in zip((mean, early), self.driven, strict=True):
-            of_modes = (jnp.einsum("rjn,dj->rdn", part, force)[:, :, None] for part in (real, -imag))
+            of_modes = [
+                sum(part[:, None] * force[:, j, None] for j, part in enumerate(parts))[:, :, None]
+                for parts in zip(*((real, -imag) for real, imag in self._nodes), strict=True)
+            ]
             total = tuple(map(jnp.add, total, _times(tuple(of_modes), driven)))
+        total = store(total)
         return pressed(RailState(free.deflection, free.rate, total), *zip(self.ends, (mean, early), strict=True))
 
 
