@@ -14,6 +14,7 @@ from ..model.faults import Fault, FaultyTrack
 from ..model.kinematics import Motion
 from ..model.loads import AerodynamicLoad, AppliedLoad, Coulomb, TabulatedLoad
 from ..model.parameters import PARAMETERS
+from ..model.beam import Beam
 from ..model.payload import Payload
 from ..model.quantities import Quantity
 from ..model.random_rails import RandomRails, RandomTrack
@@ -224,6 +225,7 @@ def _examples() -> dict[str, object]:
         "load": [Table(AppliedLoad, {TYPE: AppliedLoad.__name__, "force": [0.0, 0.0, -800.0]})],
         "payload": Table(Payload, {"mass": 100.0, "stiffness": [2e6, 8e6]}),
         "wear": Wear(1e-13),
+        "beam": Beam.crane_rail(),
         "start": Table(Motion, {"v_y": 0.5, "z": 1e-4}),
         "environment": EnvironmentTable([[0.0, 0.0, 0.05]], margin=3.0),
         "loads": LoadsTable([1e-3, 5e-3]),

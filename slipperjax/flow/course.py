@@ -589,6 +589,25 @@ class Course:
         return self._curve(store(jax.vmap(lambda m: payload_force(sled, m))(self.states.motion)))
 
     @functools.cached_property
+    def rail_deflection(self) -> StepCubics:
+        """Lateral and vertical deflection of the rails at each track node [m], (ends, 2, nodes); 0 of rigid rails."""
+        rail = self.states.rail
+        if rail is None:
+            none = jnp.zeros((self.capacity + 1, 2, self.scene.nodes[1]))
+            return StepCubics(none, none, self)
+        seconds = self.args.travel(self._instants).period / self.steps
+        slopes = rail.rate * jnp.broadcast_to(seconds, self._instants.shape)[:, None, None]
+        return StepCubics(rail.deflection, slopes, self)
+
+    @functools.cached_property
+    def rail_energy(self) -> Array:
+        """Energy of all rails and their beds at the end of the period [J]; 0 of rigid rails."""
+        beam, rail = self.scene.beam, self.end.rail
+        if beam is None or rail is None:
+            return jnp.zeros(())
+        return jnp.sum(beam.energy(rail.waves, self.args.travel(1.0).speed))
+
+    @functools.cached_property
     def loads(self) -> Loads:
         """Peak forces, impulses and other loads of each contact point."""
         of_one = functools.partial(contact_rate, args=self.args)
