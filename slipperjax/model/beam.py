@@ -97,17 +97,19 @@ class Beam(ShapeChecked):
     def exponents(self, speed: Real) -> tuple[Array, Array]:
         """Return the exponents of the waves without and with the passage of the ring [1/s], and complex,
         (2 directions, 2 waves, modes)."""
-        k = self.wave_numbers
-        stiffness = self.bending_stiffness[:, None]
-        square = (stiffness * k**4 + self.bed[:, None]) / self.mass
-        frequency = jnp.sqrt(square)[:, None]
-        group = 2 * stiffness[..., None] * k**3 / (self.mass * frequency)
+        k = self.wave_numbers[None, None]
+        stiffness, bed, damping = (
+            of[:, None, None] for of in (self.bending_stiffness, self.bed, self.damping)
+        )
+        frequency = jnp.sqrt((stiffness * k**4 + bed) / self.mass)
+        group = 2 * stiffness * k**3 / (self.mass * frequency)
         # the first wave runs backwards, and the second one forwards
-        relative = jnp.abs(group + speed * np.array([[1.0], [-1.0]]))
-        decay = jnp.maximum(self.damping[:, None, None] / (2 * self.mass), self.absorbed / self.ring * relative)
+        sign = np.array([[[1.0], [-1.0]]])
+        relative = jnp.abs(group + speed * sign)
+        decay = jnp.maximum(damping / (2 * self.mass), self.absorbed / self.ring * relative)
         # each wave oscillates, also in a ring that is too short
         decay = jnp.minimum(decay, frequency / 2)
-        runs = 1j * np.array([[1.0], [-1.0]]) * jnp.sqrt(frequency**2 - decay**2) - decay
+        runs = 1j * sign * jnp.sqrt(frequency**2 - decay**2) - decay
         return runs, runs + 1j * k * speed
 
     def at_rest(self, rails: int, nodes: int) -> RailState:
@@ -120,12 +122,13 @@ class Beam(ShapeChecked):
         """Return the energy of each rail and its bed [J]."""
         k = self.wave_numbers
         runs, _ = self.exponents(speed)
-        waves = waves[0] + 1j * waves[1]
-        moved, rate = jnp.sum(waves, axis=2), jnp.sum(runs * waves, axis=2)
-        stiffness = self.bending_stiffness[:, None] * k**4 + self.bed[:, None]
+        each = waves[0] + 1j * waves[1]
+        moved, rate = jnp.sum(each, axis=2), jnp.sum(runs[None] * each, axis=2)
+        stiffness = self.bending_stiffness[:, None] * k[None] ** 4 + self.bed[:, None]
         # the mode without waves moves the whole ring, others half of it in the mean
         share = self.ring * np.where(k > 0, 0.25, 0.5)
-        return jnp.sum(share * (self.mass * jnp.abs(rate) ** 2 + stiffness * jnp.abs(moved) ** 2), axis=(1, 2))
+        energy = self.mass * jnp.abs(rate) ** 2 + stiffness[None] * jnp.abs(moved) ** 2
+        return jnp.sum(share[None, None] * energy, axis=(1, 2))
 
     def step(self, on: Float[np.ndarray, "rails nodes"], places: Array, speed: Real, seconds: Real) -> "RailStep":
         """Return what multiplies the waves in a step.
@@ -136,10 +139,10 @@ class Beam(ShapeChecked):
         k = self.wave_numbers
         _, exponent = self.exponents(speed)
         # a force moves each mode by its share of the ring's mass
-        share = np.where(k > 0, 2.0, 1.0) / (self.ring * self.mass)
+        share = np.where(k > 0, 2.0, 1.0)[None, None] / (self.ring * self.mass)
         apart = exponent - exponent[:, ::-1]
-        turn = jnp.exp(1j * k * places[:, None])
-        shape = on[..., None] * turn
+        turn = jnp.exp(1j * k[None] * places[:, None])
+        shape = on[..., None] * turn[None]
         between = jnp.einsum("rjn,rln->jln", shape, jnp.conj(shape))
 
         def pushed(after: Real, *forms) -> list[Array]:
@@ -205,10 +208,11 @@ class RailStep(NamedTuple):
 
     def free(self, waves: Waves) -> RailState:
         """Return the rails after the step without forces."""
-        waves = _times(waves, self.decay)
+        each = lambda of: tuple(part[None] for part in of)  # of all rails
+        waves = _times(waves, each(self.decay))
         at_nodes = []
         # all sums in one pass over the modes
-        for moves in (waves, _times(waves, self.exponent)):
+        for moves in (waves, _times(waves, each(self.exponent))):
             x, y = (part[:, :, 0] + part[:, :, 1] for part in moves)
             at_nodes += [real[:, None] * x - imag[:, None] * y for real, imag in self._nodes]
         deflection, rate = jnp.reshape(jnp.stack(sums(*at_nodes)), (2, -1, *x.shape[:2])).sum(2).mT
@@ -231,10 +235,10 @@ class RailStep(NamedTuple):
         total = free.waves
         for force, driven in zip((mean, early), self.driven, strict=True):
             of_modes = [
-                sum(part[:, None] * force[:, j, None] for j, part in enumerate(parts))[:, :, None]
+                sum(part[:, None] * force[None, :, j, None] for j, part in enumerate(parts))[:, :, None]
                 for parts in zip(*((real, -imag) for real, imag in self._nodes), strict=True)
             ]
-            total = tuple(map(jnp.add, total, _times(tuple(of_modes), driven)))
+            total = tuple(map(jnp.add, total, _times(tuple(of_modes), tuple(part[None] for part in driven))))
         total = store(total)
         return pressed(RailState(free.deflection, free.rate, total), *zip(self.ends, (mean, early), strict=True))
 
@@ -248,8 +252,9 @@ def weights_of(rail: RailState) -> RailState:
 
 def pressed(free: RailState, *loads: tuple[Array, Array]) -> RailState:
     """Return rails with the deflections and rates at the nodes by forces, each with its compliance."""
-    more = sum(jnp.sum(compliance * force[:, None, None], axis=-1) for compliance, force in loads)
-    return RailState(free.deflection + more[:, 0], free.rate + more[:, 1], free.waves)
+    more = sum(jnp.sum(compliance * force[:, None, None, :], axis=-1) for compliance, force in loads)
+    # stored, or each contact point would compute it again
+    return RailState(*store((free.deflection + more[:, 0], free.rate + more[:, 1])), free.waves)
 
 
 def _times(a: Waves, b: Waves) -> Waves:
