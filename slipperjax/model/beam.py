@@ -216,7 +216,7 @@ class RailStep(NamedTuple):
             x, y = (part[:, :, 0] + part[:, :, 1] for part in moves)
             at_nodes += [real[:, None] * x - imag[:, None] * y for real, imag in self._nodes]
         deflection, rate = jnp.reshape(jnp.stack(sums(*at_nodes)), (2, -1, *x.shape[:2])).sum(2).mT
-        return RailState(deflection, rate, waves)
+        return RailState(*store((deflection, rate)), waves)
 
     @property
     def _nodes(self) -> list[Waves]:

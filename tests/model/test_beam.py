@@ -66,13 +66,14 @@ def test_impulse():
     exact = np.sqrt(times / (2 * np.pi)) / (STIFFNESS * MASS**3) ** 0.25
     # 0.2 to 0.6 %, by the damping of the ring
     np.testing.assert_allclose(found[20:], exact[20:], rtol=1e-2)
-    # the rate is the derivative of the deflection: 2e-7
-    found, rates, _ = deflections(beam(), 1000.0, 1e-6, np.ones(300))
-    np.testing.assert_allclose(np.gradient(found, 1e-6)[100:-1], rates[100:-1], rtol=1e-5)
+    # the rate is the derivative of the deflection: MEASURED
+    found, rates, _ = deflections(beam(), 1000.0, 1e-7, np.ones(300))
+    np.testing.assert_allclose(np.gradient(found, 1e-7)[100:-1], rates[100:-1], rtol=1e-4)
 
 
+@pytest.mark.full
 def test_energy_of_a_load_at_rest():
-    """Half the force times the deflection; by modes, so that nothing is compiled for time."""
+    """Half the force times the deflection."""
     rail = beam()
     step = rail.step(np.ones((1, 1)), jnp.zeros(1), 1e-3, 10.0)
     load = jnp.array([[0.0], [1.0]])
@@ -111,4 +112,4 @@ def test_scene_file(tmp_path):
     scene = dataclasses.replace(sj.paper_scene(), beam=sj.Beam.crane_rail())
     scene.to_toml(tmp_path / "scene.toml")
     again = sj.load(tmp_path / "scene.toml")
-    assert repr(again.beam) == repr(scene.beam)
+    assert repr(again.scene.beam) == repr(scene.beam)

@@ -85,7 +85,7 @@ def test_energy_of_an_impact(stiffness, seconds):
         # without forces the energy of the rail falls by what the bed takes
         real, imag = state.rail.waves
         exponents, _ = rail.exponents(scene.speed)
-        change = exponents * (real + 1j * imag)
+        change = exponents[None] * (real + 1j * imag)
         energy = lambda waves: rail.energy(waves, scene.speed)[0]
         stored, loss = jax.jvp(energy, (state.rail.waves,), ((change.real, change.imag),))
         return SLIPPER * (m.v_y**2 + m.v_z**2) / 2 + sprung + stored, -loss
