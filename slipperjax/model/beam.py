@@ -98,9 +98,7 @@ class Beam(ShapeChecked):
         """Return the exponents of the waves without and with the passage of the ring [1/s], and complex,
         (2 directions, 2 waves, modes)."""
         k = self.wave_numbers[None, None]
-        stiffness, bed, damping = (
-            of[:, None, None] for of in (self.bending_stiffness, self.bed, self.damping)
-        )
+        stiffness, bed, damping = (of[:, None, None] for of in (self.bending_stiffness, self.bed, self.damping))
         frequency = jnp.sqrt((stiffness * k**4 + bed) / self.mass)
         group = 2 * stiffness * k**3 / (self.mass * frequency)
         # the first wave runs backwards, and the second one forwards
@@ -260,4 +258,3 @@ def pressed(free: RailState, *loads: tuple[Array, Array]) -> RailState:
 def _times(a: Waves, b: Waves) -> Waves:
     """Return the product of complex numbers."""
     return a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]
-

@@ -100,7 +100,9 @@ class StateLayout:
             parts.append(rows[..., count : count + leaf.size].reshape(*rows.shape[:-1], *leaf.shape))
             count += leaf.size
         # by the structure, because the classes would convert and check the values of their fields
-        return jax.tree.unflatten(jax.tree.structure(State(Motion(payload=sled, modes=modes), memory, self.rail)), parts)
+        return jax.tree.unflatten(
+            jax.tree.structure(State(Motion(payload=sled, modes=modes), memory, self.rail)), parts
+        )
 
 
 def coordinate_rows(state: State) -> Float[Array, "*batch coordinates"]:

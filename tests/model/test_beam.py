@@ -44,9 +44,7 @@ def deflections(rail, speed, seconds, forces):
 def test_moving_load(ratio):
     """A load that travels below or above the critical speed; compared with Fourier's integral."""
     speed = ratio * CRITICAL
-    value = lambda k: (
-        1 / (STIFFNESS * k**4 - MASS * (k * speed) ** 2 - 1j * DAMPING * k * speed + BED)
-    ).real / np.pi
+    value = lambda k: (1 / (STIFFNESS * k**4 - MASS * (k * speed) ** 2 - 1j * DAMPING * k * speed + BED)).real / np.pi
     roots = np.roots([STIFFNESS, -MASS * speed**2, BED])
     peaks = sorted(np.sqrt(root.real) for root in roots if root.real > 0)
     exact = quad(value, 0, 200, limit=5000, points=peaks, epsabs=0)[0]
