@@ -9,12 +9,12 @@ from string import ascii_uppercase
 import click
 import numpy as np
 
+from ..model.beam import Beam
 from ..model.dang2024 import paper_scene
 from ..model.faults import Fault, FaultyTrack
 from ..model.kinematics import Motion
 from ..model.loads import AerodynamicLoad, AppliedLoad, Coulomb, TabulatedLoad
 from ..model.parameters import PARAMETERS
-from ..model.beam import Beam
 from ..model.payload import Payload
 from ..model.quantities import Quantity
 from ..model.random_rails import RandomRails, RandomTrack

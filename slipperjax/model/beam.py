@@ -1,7 +1,6 @@
 """A rail that bends: Euler and Bernoulli's beam on an elastic bed, in Fourier modes of a ring that travels along.
 
-A deflection w (lateral or vertical) at x ahead of the body's centre obeys EI w'''' + m w_tt + c w_t + k w = sum of the
-forces at the track nodes. In the frame that travels with the speed V the nodes stand still, and the mode of the wave
+A deflection w, lateral or vertical, obeys EI w'''' + m w_tt + c w_t + k w = sum of the forces at the track nodes. In the frame that travels with the speed V the nodes stand still, and the mode of the wave
 number K is the sum of two complex waves, which run backwards and forwards and move as exp((-g +- i w + i K V) t), so
 that a step of any length multiplies them exactly.
 
@@ -9,10 +8,10 @@ The ring is longer than the rail that matters, and its waves must die before the
 at least a damping in proportion to its speed relative to the body: few waves are slow, and these stay where they are.
 """
 
+import functools
 from typing import ClassVar, NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -25,7 +24,7 @@ from ..tools.types import Real
 
 Pair = Float[Array, "2"]
 Waves = tuple[Array, Array]
-"""Real and imaginary parts of complex numbers, or of the waves of rails, (rails, 2 directions, 2 waves, modes) [m]."""
+"""Real and imaginary parts of complex numbers, or of waves of rails, (rails, 2 directions, 2 waves, modes) [m]."""
 
 
 class RailState(eqx.Module):
@@ -108,7 +107,7 @@ class Beam(ShapeChecked):
         # each wave oscillates, also in a ring that is too short
         decay = jnp.minimum(decay, frequency / 2)
         runs = 1j * sign * jnp.sqrt(frequency**2 - decay**2) - decay
-        return runs, runs + 1j * k * speed
+        return jnp.asarray(runs), jnp.asarray(runs + 1j * k * speed)
 
     def at_rest(self, rails: int, nodes: int) -> RailState:
         """Return the state of straight rails."""
@@ -162,13 +161,14 @@ class Beam(ShapeChecked):
         driven = pushed(seconds, lambda one, two: 6 * two - 2 * one, lambda one, two: 6 * one - 12 * two)
         pair = lambda z: (z.real, z.imag)
         return RailStep(
-            *map(felt, (half, whole)),
-            (felt(driven[0]), felt(driven[1])),
-            pair(jnp.exp(exponent * seconds)),
-            tuple(map(pair, driven)),
-            pair(shape),
-            pair(exponent),
-            seconds,
+            half=felt(half),
+            whole=felt(whole),
+            ends=(felt(driven[0]), felt(driven[1])),
+            decay=pair(jnp.exp(exponent * seconds)),
+            driven=(pair(driven[0]), pair(driven[1])),
+            shape=pair(shape),
+            exponent=pair(exponent),
+            seconds=seconds,
         )
 
 
@@ -206,15 +206,17 @@ class RailStep(NamedTuple):
 
     def free(self, waves: Waves) -> RailState:
         """Return the rails after the step without forces."""
-        each = lambda of: tuple(part[None] for part in of)  # of all rails
+        each = lambda of: (of[0][None], of[1][None])  # of all rails
         waves = _times(waves, each(self.decay))
         at_nodes = []
         # all sums in one pass over the modes
         for moves in (waves, _times(waves, each(self.exponent))):
             x, y = (part[:, :, 0] + part[:, :, 1] for part in moves)
             at_nodes += [real[:, None] * x - imag[:, None] * y for real, imag in self._nodes]
-        deflection, rate = jnp.reshape(jnp.stack(sums(*at_nodes)), (2, -1, *x.shape[:2])).sum(2).mT
-        return RailState(*store((deflection, rate)), waves)
+        # of each node and direction, from all rails
+        deflection, rate = jnp.reshape(jnp.stack(sums(*at_nodes)), (2, len(self._nodes), -1, 2)).sum(2).mT
+        deflection, rate = store((deflection, rate))
+        return RailState(deflection, rate, waves)
 
     @property
     def _nodes(self) -> list[Waves]:
@@ -232,13 +234,13 @@ class RailStep(NamedTuple):
         """Return the rails after forces by their two means, see `driven`."""
         total = free.waves
         for force, driven in zip((mean, early), self.driven, strict=True):
-            of_modes = [
-                sum(part[:, None] * force[None, :, j, None] for j, part in enumerate(parts))[:, :, None]
-                for parts in zip(*((real, -imag) for real, imag in self._nodes), strict=True)
-            ]
-            total = tuple(map(jnp.add, total, _times(tuple(of_modes), tuple(part[None] for part in driven))))
-        total = store(total)
-        return pressed(RailState(free.deflection, free.rate, total), *zip(self.ends, (mean, early), strict=True))
+            # the forces of all nodes on each mode
+            push = [part[:, None] * force[None, :, j, None] for j, node in enumerate(self._nodes) for part in node]
+            real, imag = (functools.reduce(jnp.add, push[k::2])[:, :, None] for k in range(2))
+            more = _times((real, -imag), (driven[0][None], driven[1][None]))
+            total = total[0] + more[0], total[1] + more[1]
+        moved = RailState(free.deflection, free.rate, store(total))
+        return pressed(moved, (self.ends[0], mean), (self.ends[1], early))
 
 
 def weights_of(rail: RailState) -> RailState:
@@ -250,9 +252,10 @@ def weights_of(rail: RailState) -> RailState:
 
 def pressed(free: RailState, *loads: tuple[Array, Array]) -> RailState:
     """Return rails with the deflections and rates at the nodes by forces, each with its compliance."""
-    more = sum(jnp.sum(compliance * force[:, None, None, :], axis=-1) for compliance, force in loads)
+    more = functools.reduce(jnp.add, (jnp.sum(each * force[:, None, None, :], axis=-1) for each, force in loads))
     # stored, or each contact point would compute it again
-    return RailState(*store((free.deflection + more[:, 0], free.rate + more[:, 1])), free.waves)
+    deflection, rate = store((free.deflection + more[:, 0], free.rate + more[:, 1]))
+    return RailState(deflection, rate, free.waves)
 
 
 def _times(a: Waves, b: Waves) -> Waves:

@@ -157,7 +157,7 @@ def resultants(frame: RailFrame, *loads: Sequence[Array], others: Sequence[Array
         return [*wrenches, total[len(flat) :]]
     # first the force of each slipper, which moves the modes, or of each node
     axes = len(frame.shapes or (0, 0))
-    groups = len(frame.shapes[0]) if frame.deflection is None else frame.deflection.shape[-1]
+    groups = len((frame.shapes or frame.normal)[0]) if frame.deflection is None else frame.deflection.shape[-1]
     of_groups = sums(*(part.reshape(groups, -1) for part in (*flat, *others)))
     total = sums(*of_groups)
     wrenches = []

@@ -46,9 +46,8 @@ class StateLayout:
             for q in MODE_NUMBERS
             for k in range(1, modes + 1)
         ]
-        rail = None
-        if scene.beam is not None:
-            rail = jax.eval_shape(lambda: scene.beam.at_rest(*scene.nodes))
+        beam = scene.beam
+        rail = None if beam is None else jax.eval_shape(lambda: beam.at_rest(*scene.nodes))
         return cls((*motion.values(), *of_modes), modes, memory, scene.integrates_memory, rail)
 
     @property

@@ -25,7 +25,7 @@ class RigidRails:
     def end(self, frame: RailFrame, mean: Wrench, early: Wrench) -> tuple[RailFrame, RailState | None]:
         """Return the frame and the rails at the end of the step.
 
-        **Arguments:** `mean`, `early`: means of the wrench, and of the wrench times the part of the step that is left.
+        **Arguments:** `mean`, `early`: means of the wrench, the second times the part of the step that is left.
         """
         return frame, None
 
