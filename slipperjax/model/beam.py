@@ -1,8 +1,9 @@
 """A rail that bends: Euler and Bernoulli's beam on an elastic bed, in Fourier modes of a ring that travels along.
 
-A deflection w, lateral or vertical, obeys EI w'''' + m w_tt + c w_t + k w = sum of the forces at the track nodes. In the frame that travels with the speed V the nodes stand still, and the mode of the wave
-number K is the sum of two complex waves, which run backwards and forwards and move as exp((-g +- i w + i K V) t), so
-that a step of any length multiplies them exactly.
+A deflection w, lateral or vertical, obeys EI w'''' + m w_tt + c w_t + k w = sum of the forces at the track nodes. In
+the frame that travels with the speed V the nodes stand still. The mode of the wave number K is the sum of two complex
+waves, which run backwards and forwards and move as exp((-g +- i w + i K V) t), so that a step of any length
+multiplies them exactly.
 
 The ring is longer than the rail that matters, and its waves must die before they come round. Therefore each wave has
 at least a damping in proportion to its speed relative to the body: few waves are slow, and these stay where they are.

@@ -161,8 +161,8 @@ def _corrected(
     """Return the state, its derivative and the contacts at the end of a step that RK4 ends at `state`.
 
     **Arguments:** `rail`: `_moving` at the end of the step; `rails`: those of the step; `mean`: RK4's mean of the
-    wrench, from which velocities follow; `early`: the same of the wrench times the part of the step that is left, from which
-    positions follow.
+    wrench, from which velocities follow; `early`: the same of the wrench times the part of the step that is left,
+    from which positions follow.
     """
     scene = args.scene
     m = state.motion
