@@ -123,11 +123,12 @@ class ImpulseRK4(AbstractLatchingSolver):
             at = forces_at(scene, frame, now, State(m, y0.memory))
             directions = wrench_directions(scene, at, travel), before.wrenches
             own, by_start, _ = resultants(frame, *([at.force * d for d in each] for each in directions))
-            return m, per_period(travel, newton_euler(scene, m, own, travel)), by_start
+            return m, per_period(travel, newton_euler(scene, m, own, travel)), rails.noted(by_start, own)
 
-        y2, k2, f2 = stage(half, rails.second(middle, before.wrench), k1, 0.5)
+        f1 = rails.noted(before.wrench, before.wrench)
+        y2, k2, f2 = stage(half, rails.second(middle, f1), k1, 0.5)
         y3, k3, f3 = stage(half, rails.second(middle, f2), k2, 0.5)
-        y4, k4, f4 = stage(t1, rails.fourth(rail[0], before.wrench, f3), k3, 1.0)
+        y4, k4, f4 = stage(t1, rails.fourth(rail[0], f1, f3), k3, 1.0)
         # m0 + dt (k1 + 2 k2 + 2 k3 + k4) / 6
         end = jax.tree.map(
             lambda a, p, q, r, k: (p + 2 * q + r - a) * (1 / 3) + (dt / 6) * k,
@@ -138,7 +139,7 @@ class ImpulseRK4(AbstractLatchingSolver):
             k4,
         )
         # means of the wrench over the step: `early` is weighted by the part of the step that is left, `mean` is not
-        early = [(a + b + c) / 6 for a, b, c in zip(before.wrench, f2, f3, strict=True)]
+        early = [(a + b + c) / 6 for a, b, c in zip(f1, f2, f3, strict=True)]
         mean = [e + (b + c + d) / 6 for e, b, c, d in zip(early, f2, f3, f4, strict=True)]
         state = State(store(end), y0.memory)
         y1, rates, after = _corrected(args, rail, rails, before, t1, dt, state, mean, early)
@@ -233,7 +234,7 @@ def _corrected(
 
     # the difference of `total` changes velocities, and the difference of `total_early` changes positions
     share = 1 / (1 + rough)
-    changes = lambda new, old: [share * (a - b) for a, b in zip(new, old, strict=True)]
+    changes = lambda new, old: [share * (a - b) for a, b in zip(new, old, strict=False)]
     # the wrench ends with forces on rails that bend
     later = changes(total, mean)
     kick = [c * v for c, v in zip(compliance, later, strict=False)]
