@@ -20,6 +20,7 @@ from .design.optimise import optimise_design as optimise_design
 from .explorer.launch import explore as explore
 from .fitting.fit import fit as fit
 from .flow.status import Interrupted as Interrupted, Status as Status
+from .model.beam import Beam as Beam
 from .model.dang2024 import paper_scene as paper_scene, table_2_start as table_2_start
 from .model.dynamics import State as State
 from .model.kinematics import Motion as Motion

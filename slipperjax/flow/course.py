@@ -30,7 +30,7 @@ from ..model.dynamics import (
     per_period,
     slipper_wrenches,
 )
-from ..model.kinematics import Contacts, Motion, RailFrame, contacts, modal_compliance
+from ..model.kinematics import Contacts, Motion, RailFrame, bent, contacts, modal_compliance
 from ..model.layout import coordinate_rows
 from ..model.scene import Scene
 from ..model.sliding import tractions
@@ -444,11 +444,11 @@ class Course:
     def _contacts(self) -> tuple[RailFrame, Contacts]:
         """Rail and contacts at both ends of every step."""
 
-        def at(place: Array, m: Motion) -> tuple[RailFrame, Contacts]:
-            frame = self.args.frame(place / self.steps)
-            return frame, contacts(frame, m)
+        def at(place: Array, state: State) -> tuple[RailFrame, Contacts]:
+            frame = bent(self.args.frame(place / self.steps), state.rail)
+            return frame, contacts(frame, state.motion)
 
-        frame, now = jax.vmap(at)(jnp.arange(self.capacity + 1), self.states.motion)
+        frame, now = jax.vmap(at)(jnp.arange(self.capacity + 1), self.states)
         # stored, so that XLA does not compute these values again in each use
         return frame, now._replace(gap=store(now.gap), rate=store(now.rate))
 
@@ -587,6 +587,25 @@ class Course:
         sled = self.scene.payload
         require(sled is not None, "record", "be another one where the scene has no sled", "spring_force")
         return self._curve(store(jax.vmap(lambda m: payload_force(sled, m))(self.states.motion)))
+
+    @functools.cached_property
+    def rail_deflection(self) -> StepCubics:
+        """Lateral and vertical deflection of the rails at each track node [m], (ends, 2, nodes); 0 of rigid rails."""
+        rail = self.states.rail
+        if rail is None:
+            none = jnp.zeros((self.capacity + 1, 2, self.scene.nodes[1]))
+            return StepCubics(none, none, self)
+        seconds = self.args.travel(self._instants).period / self.steps
+        slopes = rail.rate * jnp.broadcast_to(seconds, self._instants.shape)[:, None, None]
+        return StepCubics(rail.deflection, slopes, self)
+
+    @functools.cached_property
+    def rail_energy(self) -> Array:
+        """Energy of all rails and their beds at the end of the period [J]; 0 of rigid rails."""
+        beam, rail = self.scene.beam, self.end.rail
+        if beam is None or rail is None:
+            return jnp.zeros(())
+        return jnp.sum(beam.energy(rail.waves, self.args.travel(1.0).speed))
 
     @functools.cached_property
     def loads(self) -> Loads:

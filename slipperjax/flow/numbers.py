@@ -470,6 +470,10 @@ def _of_slippers() -> Iterator[AbstractQuantityRecord]:
     )
 
 
+DIRECTIONS = ("lateral", "vertical")
+"""Labels of a dimension of directions."""
+
+
 def _records() -> Iterator[AbstractQuantityRecord]:
     """Yield all records of numbers that have a name."""
     points = functools.partial(Record, dims=POINTS)
@@ -495,6 +499,11 @@ def _records() -> Iterator[AbstractQuantityRecord]:
     # distance of a contact that nearly closes or nearly opens from grazing: the extreme of its gap nearest to zero
     distance = Quantity("grazing_distance", "m", "least distance of a gap's extreme from zero", "d", 1e-3, "mm")
     yield Record(distance, lambda c: jnp.min(c.gap.shallowest_turn), "min")
+    bends = Quantity("rail_deflection", "m", "greatest deflection of the rails under the slippers", "w", 1e-3, "mm")
+    of_nodes = lambda c: c.rail_deflection.extreme
+    yield Record(bends, lambda c: jnp.max(jnp.abs(of_nodes(c)), axis=1), "max", (("direction", DIRECTIONS),))
+    stored = Quantity("rail_energy", "J", "greatest energy of the rails at the end of a forcing period", "E")
+    yield Record(stored, lambda c: c.rail_energy)
     for k, q in enumerate(ACCELERATIONS.values()):
         yield _rms(k, q)
     for k, q in enumerate(COORDINATES.values()):

@@ -17,14 +17,16 @@ from jaxtyping import Array, Float, Int, PyTree
 
 from ..analysis.floquet import linearise
 from ..analysis.lyapunov import first_tangents, push_tangents
+from ..model.beam import RailStep, weights_of
 from ..model.contact import AbstractMemory
 from ..model.dynamics import Args, State, vector_field
-from ..model.kinematics import Motion, contact_points, scales_of
+from ..model.kinematics import Motion, Points, contact_points, rail_step, scales_of
 from ..model.layout import coordinate_rows
 from ..model.parameters import at_values, values_of
 from ..model.scene import Scene
 from ..model.starts import state_and_penetration, warn_of_start
 from ..model.step_size import prepared
+from ..model.travel import SpeedProgramme
 from ..solvers.named import resolve_solver
 from ..tools.batching import Batched
 from ..tools.compile import jit, with_standard_promotion
@@ -34,7 +36,7 @@ from ..tools.types import Real, Whole
 from .course import Course
 from .record import RecordSet
 from .status import Status, judge_states, with_growth, with_resolution
-from .stepping import AbstractStepping, as_stepping
+from .stepping import AbstractEqualSteps, AbstractStepping, as_stepping
 
 
 def tangent_weights(scene: Scene) -> Callable[[State], State]:
@@ -50,7 +52,8 @@ def tangent_weights(scene: Scene) -> Callable[[State], State]:
 def _weights_with(memory: type[AbstractMemory]) -> Callable[[State], State]:
     def weights(state: State) -> State:
         of_memory = None if state.memory is None else memory.weights(state.memory)
-        return State(jax.tree.map(lambda scale: 1 / scale, scales_of(state.motion)), of_memory)
+        of_motion = jax.tree.map(lambda scale: 1 / scale, scales_of(state.motion))
+        return State(of_motion, of_memory, state.rail and weights_of(state.rail))
 
     return weights
 
@@ -134,6 +137,7 @@ class PeriodMap(eqx.Module):
         state = _moving_with(state, eqx.filter(scene, eqx.is_array))
         solver = self.stepping.prepared(resolve_solver(scene, self.solver))
         points = contact_points(scene)  # once for the whole run, not in every evaluation
+        rails = _steps_of_rails(scene, self.stepping, points)
         terms = diffrax.ODETerm(vector_field(scene))
         earlier = records.begin(scene, state) if earlier is None else earlier
         # Where records use the states inside a period, their work takes as long to compile as the steps. Therefore
@@ -145,13 +149,13 @@ class PeriodMap(eqx.Module):
         @functools.partial(jax.jit, inline=True)  # traced once: `period_if_used` needs its shapes, too
         def period(carry, epoch):
             state, solver_state, carried = carry
-            args = Args(scene, epoch, points)
+            args = Args(scene, epoch, points, rails)
             # some records change the scene from period to period, such as wear
             now = records.feed_back(scene, carried, epoch)
             if now is not scene:  # the gaps that the solver keeps also change
-                args = Args(now, epoch, contact_points(now))
+                args = Args(now, epoch, contact_points(now), rails)
                 solver_state = self.stepping.begin(terms, solver, state, args)
-            stepped = lambda a, b: self.stepping.period(terms, solver, a, b, args, records.inside)
+            stepped = lambda a, b: self.stepping.period(terms, solver, a, b, args, records.view)
             done = part(stepped, state, solver_state)
             end = _lost_where(done.failed, done.end)
             inside = _lost_where(done.failed, done.inside) if records.inside else None
@@ -177,7 +181,7 @@ class PeriodMap(eqx.Module):
                 epoch_now,
             )
 
-        solver_state = self.stepping.begin(terms, solver, state, Args(scene, epoch, points))
+        solver_state = self.stepping.begin(terms, solver, state, Args(scene, epoch, points, rails))
         epochs = epoch + jnp.arange(float(count))
         one = period if used is None else period_if_used
         run = lambda carry: jax.lax.scan(one, carry, epochs)
@@ -191,6 +195,13 @@ class PeriodMap(eqx.Module):
         # code of the first period with a problem
         code = with_resolution(codes[jnp.argmax(codes != int(Status.FINITE))], scene, judged, epoch)
         return Passage(end, samples, code, steps_taken, carried)
+
+
+def _steps_of_rails(scene: Scene, stepping: AbstractStepping, points: Points) -> RailStep | None:
+    """Return what every step needs about rails that bend; None where steps differ, or for rigid rails."""
+    if scene.beam is None or isinstance(scene.speed, SpeedProgramme) or not isinstance(stepping, AbstractEqualSteps):
+        return None
+    return rail_step(scene, scene.speed, scene.period / stepping.total, points)
 
 
 def _lost_where(failed: Array, state: State) -> State:

@@ -7,6 +7,7 @@ samples each period, and the samples are joined in the order of time. After the 
 
 import abc
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -85,6 +86,8 @@ class AbstractRecord(AbstractOutput):
 
     inside: bool = True
     """Whether it uses states inside periods, and not only at their ends."""
+    waves: bool = False
+    """Whether it uses the waves of rails that bend, and not only the deflections at the track nodes."""
     from_start: bool = False
     """Whether it also samples the periods before the recorded periods."""
     goes_on: bool = False
@@ -151,6 +154,13 @@ class RecordSet:
     def inside(self) -> bool:
         """Whether any record uses states inside periods."""
         return any(r.inside for r in self.records)
+
+    @property
+    def view(self) -> Callable[[State], State] | None:
+        """Returns what the records use of a state inside periods; None where they use nothing."""
+        if not self.inside:
+            return None
+        return (lambda state: state) if any(r.waves for r in self.records) else State.at_nodes
 
     @property
     def from_start(self) -> "RecordSet":

@@ -66,9 +66,10 @@ class AbstractStepping(eqx.Module):
         state: State,
         solver_state: PyTree,
         args: Args,
-        inside: bool,
+        inside: Callable[[State], State] | None,
     ) -> Period:
-        """Integrate one period of diffrax's `terms` by `solver`; `inside`: whether states at all steps are needed."""
+        """Integrate one period of diffrax's `terms` by `solver`; `inside`: returns what is needed of the states at
+        all steps; None: nothing."""
 
     @abc.abstractmethod
     def finer(self) -> "AbstractStepping":
@@ -116,9 +117,9 @@ class AbstractEqualSteps(AbstractStepping):
 
         def ends_of(carry):
             """Return state and rates at a step's end, for records; None where they are not requested."""
-            if not inside:
+            if inside is None:
                 return None, None
-            return carry[0], solver.rates(carry[1]) if has_rates else None
+            return inside(carry[0]), solver.rates(carry[1]) if has_rates else None
 
         carry = state, solver_state, jnp.zeros((), bool)
         # both ends of all steps: the start of the first step, and the end of each step

@@ -16,6 +16,7 @@ from jaxtyping import Array, Float
 from ..tools.checks import instance, real, require, shown_number
 from ..tools.forms import store_cotangent, store_if_differentiated, sums
 from ..tools.types import Real
+from .beam import RailState, RailStep
 from .contact import Before
 from .kinematics import (
     Contacts,
@@ -25,11 +26,13 @@ from .kinematics import (
     Points,
     RailFrame,
     attitude_rates,
+    bent,
     body_numbers,
     contacts,
     cross,
     in_slipper_frame,
     rail_frame,
+    rail_step,
     rotation,
     track_nodes,
 )
@@ -50,6 +53,12 @@ class State(eqx.Module):
     """Position, attitude and velocities of the slipper or sled, in SI units."""
     memory: Float[Array, " points"] | None
     """Memory of each contact point, with the unit of `slipperjax.model.contact`; None for laws without memory."""
+    rail: RailState | None = None
+    """How the rails bend; None for rigid rails."""
+
+    def at_nodes(self) -> "State":
+        """The state with the rails' deflections alone, without their waves."""
+        return self if self.rail is None else eqx.tree_at(lambda state: state.rail.waves, self, None)
 
     def __repr__(self) -> str:
         return f"State({self.motion!r}, memory={shown_number(self.memory)})"
@@ -73,6 +82,8 @@ class Args(NamedTuple):
     """Forcing periods travelled before time zero [1]."""
     points: Points | None = None
     """Contact points of the scene, see `contact_points`; with None they are computed in each evaluation."""
+    rail_step: RailStep | None = None
+    """What each step needs about rails that bend, where all steps are equal; None: computed in each step."""
 
     @jax.jit
     def frame(self, t: Real) -> RailFrame:
@@ -82,6 +93,13 @@ class Args(NamedTuple):
     def travel(self, t: Real) -> Travel:
         """Return speed and pace at time `t` [forcing periods]."""
         return self.scene.travel(self.epoch + t)
+
+    def bending(self, t: Real, step: Real) -> RailStep | None:
+        """Return what a step [forcing periods] around time `t` needs about the rails; None for rigid rails."""
+        if self.scene.beam is None or self.rail_step is not None:
+            return self.rail_step
+        travel = self.travel(t)
+        return rail_step(self.scene, travel.speed, step * travel.period, self.points)
 
 
 def rate_ratios(scene: Scene, rate: Array, memory: Array | None) -> Array | None:
@@ -126,26 +144,34 @@ def resultants(frame: RailFrame, *loads: Sequence[Array], others: Sequence[Array
     """Return the wrench of each of some loads, summed over the points in one pass.
 
     A wrench is the force along y and z [N] and the moment about the body's x, y and z [N m]; for an elastic body also
-    an array of the force on each mode [N kg^-0.5].
+    an array of the force on each mode [N kg^-0.5]; for rails that bend then an array of the forces on their nodes,
+    (2, nodes) [N].
 
     **Arguments:** `loads`: each is a force or a moment of all points along each of `wrench_directions`, (points,);
     `others`: further values to be summed over the points; their sums are the last result.
     """
     flat = [part for load in loads for part in load]
-    if frame.shapes is None:
+    if frame.shapes is None and frame.deflection is None:
         total = sums(*flat, *others)
         wrenches = [total[k : k + 5] for k in range(0, len(flat), 5)]
         return [*wrenches, total[len(flat) :]]
-    # first the force of each slipper, which moves the modes
-    axes = len(frame.shapes)
-    slippers = len(frame.shapes[0])
-    of_slippers = sums(*(part.reshape(slippers, -1) for part in (*flat, *others)))
-    total = sums(*of_slippers)
+    # first the force of each slipper, which moves the modes, or of each node
+    axes = len(frame.shapes or (0, 0))
+    groups = len((frame.shapes or frame.normal)[0]) if frame.deflection is None else frame.deflection.shape[-1]
+    of_groups = sums(*(part.reshape(groups, -1) for part in (*flat, *others)))
+    total = sums(*of_groups)
     wrenches = []
     for k in range(0, len(flat), axes + 3):
-        push = zip(of_slippers[k : k + axes], frame.shapes, strict=True)
-        (modal,) = sums(sum(shape.T * force[None] for force, shape in push))
-        wrenches.append([*total[k + axes - 2 : k + axes + 3], modal])
+        wrench = list(total[k + axes - 2 : k + axes + 3])
+        if frame.shapes is not None:
+            push = of_groups[k : k + axes]
+            if frame.deflection is not None:
+                # a slipper has two nodes
+                push = sums(*(force.reshape(-1, 2) for force in push))
+            wrench += sums(sum(shape.T * force[None] for force, shape in zip(push, frame.shapes, strict=True)))
+        if frame.deflection is not None:
+            wrench.append(-jnp.stack(of_groups[k + axes - 2 : k + axes]))
+        wrenches.append(wrench)
     return [*wrenches, total[len(flat) :]]
 
 
@@ -208,7 +234,7 @@ def newton_euler(scene: Scene, m: Motion, wrench: list[Array], travel: Travel) -
         own_y, own_z = (-on_slipper[k] / scene.payload.mass for k in range(2))
         payload = PayloadMotion(own_sled(m).v_y, own_sled(m).v_z, own_y, falling(own_z))
     if scene.slipper.modes is not None:
-        modes = modal_rates(scene.slipper.modes, m, *modal)
+        modes = modal_rates(scene.slipper.modes, m, modal[0])
     # reciprocals, because a product's derivative is shorter than a division's
     per_mass = 1 / scene.slipper.mass
     j_x, j_y, j_z = scene.slipper.inertia
@@ -437,7 +463,7 @@ def _reactions(t: Real, state: State, args: Args) -> Reactions:
     scene = args.scene
     m = state.motion
     travel = args.travel(t)
-    frame = args.frame(t)
+    frame = bent(args.frame(t), state.rail)
     now = contacts(frame, m)
     at = forces_at(scene, frame, now, state)
     rates = motion_rates(scene, at, travel)

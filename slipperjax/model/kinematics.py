@@ -23,6 +23,7 @@ from ..tools.compile import need_64_bits
 from ..tools.forms import circle, spread, store, store_cotangent, store_if_differentiated, sums
 from ..tools.tracing import is_traced
 from ..tools.types import Real
+from .beam import RailState, RailStep
 from .quantities import COORDINATES, MODE_NUMBERS, MOTION_NUMBERS, PAYLOAD_NUMBERS
 from .scene import Scene
 from .slipper import Mounted, side_by_side, stacked
@@ -359,6 +360,29 @@ class RailFrame(NamedTuple):
     """The body's points in the body's frame, each of shape (points,) [m]."""
     shapes: tuple[Array, ...] | None = None
     """As `Points.shapes`."""
+    deflection: Float[Array, "2 nodes"] | None = None
+    """Deflections of the nodes of a rail that bends, see `bent`; None for a rigid rail."""
+
+
+def bent(frame: RailFrame, rail: RailState | None) -> RailFrame:
+    """Return the frame of rails with their deflections; normals stay those of the straight rail."""
+    if rail is None:
+        return frame
+    n_y, n_z = frame.normal[1:]
+    y, z, v_y, v_z = at_all_points(frame, (*rail.deflection, *rail.rate))
+    position = frame.position + n_y * y + n_z * z
+    velocity = frame.velocity + n_y * v_y + n_z * v_z
+    return frame._replace(position=position, velocity=velocity, deflection=rail.deflection)
+
+
+def rail_step(scene: Scene, speed: Real, seconds: Real, points: Points | None = None) -> RailStep:
+    """Return what a step of some seconds needs about the rails of a scene with a beam."""
+    assert scene.beam is not None  # of each caller
+    points = contact_points(scene) if points is None else points
+    rails = scene.track.rails or {"": None}
+    on = [[len(rails) == 1 or slipper.rail == name for slipper in scene.mounted] for name in rails]
+    places = points.arm[0].reshape(scene.nodes[1], -1)[:, 0]
+    return scene.beam.step(np.repeat(np.array(on, float), 2, axis=1), places, speed, seconds)
 
 
 def rail_frame(scene: Scene, phase: Real, points: Points | None = None) -> RailFrame:
@@ -539,12 +563,12 @@ def carried(frame: RailFrame, *moves: tuple[Real, Real, Float[Array, " modes"]])
     for k, (y, z, _) in enumerate(moves, 1):
         of_slippers[k * axes - 2] += y
         of_slippers[k * axes - 1] += z
-    at_points = _of_all_points(frame, of_slippers)
+    at_points = at_all_points(frame, of_slippers)
     return [at_points[k : k + axes] for k in range(0, len(at_points), axes)]
 
 
-def _of_all_points(frame: RailFrame, of_slippers: Sequence[Array]) -> list[Array]:
-    """Return values of each slipper as values of its points, each of shape (points,)."""
+def at_all_points(frame: RailFrame, of_slippers: Sequence[Array]) -> list[Array]:
+    """Return values of each slipper or node as values of its points, each of shape (points,)."""
     each = frame.normal[0].shape[-1] // len(of_slippers[0])
     return [value.ravel() for value in spread(each, *of_slippers)]
 
@@ -557,7 +581,7 @@ def modal_compliance(frame: RailFrame) -> Float[Array, " points"]:
     pairs = [(j, k) for j in axes for k in axes[j:]]
     # a symmetric matrix for each slipper, the same for all its points
     of_slippers = sums(*(frame.shapes[j] * frame.shapes[k] for j, k in pairs))
-    at_points = _of_all_points(frame, of_slippers)
+    at_points = at_all_points(frame, of_slippers)
     # entries off the diagonal count twice
     terms = [(1 + (j < k)) * normal[j] * normal[k] for j, k in pairs]
     return jnp.asarray(sum(term * entry for term, entry in zip(terms, at_points, strict=True)))

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..tools.compile import jit
+from .beam import RailState
 from .dynamics import State
 from .kinematics import ModalMotion, Motion, PayloadMotion, euler_angles
 from .quantities import MODE_NUMBERS, MOTION_NUMBERS, PAYLOAD_NUMBERS, Quantity
@@ -26,6 +27,8 @@ class StateLayout:
     """The memory of each contact point, front points first; None for laws without memory."""
     integrated: bool
     """Whether there is a memory that is integrated, not latched."""
+    rail: RailState | None = None
+    """The shapes of the state of rails that bend, whose numbers are the last; None for rigid rails."""
 
     @classmethod
     def of(cls, scene: Scene) -> "StateLayout":
@@ -43,12 +46,16 @@ class StateLayout:
             for q in MODE_NUMBERS
             for k in range(1, modes + 1)
         ]
-        return cls((*motion.values(), *of_modes), modes, memory, scene.integrates_memory)
+        beam = scene.beam
+        rail = None if beam is None else jax.eval_shape(lambda: beam.at_rest(*scene.nodes))
+        return cls((*motion.values(), *of_modes), modes, memory, scene.integrates_memory, rail)
 
     @property
     def numbers(self) -> tuple[Quantity, ...]:
         """All numbers, in the order of a row."""
-        return (*self.motion, *(self.memory or ()))
+        count = sum(leaf.size for leaf in jax.tree.leaves(self.rail))
+        of_rail = (Quantity(f"rail_{k}", "", f"number {k} of the rails' bending") for k in range(1, count + 1))
+        return (*self.motion, *(self.memory or ()), *of_rail)
 
     @property
     def size(self) -> int:
@@ -69,9 +76,8 @@ class StateLayout:
     def pack(states: State) -> Float[np.ndarray, "*batch size"]:
         """Return known states (*batch) as rows of all their numbers."""
         # with NumPy nothing is compiled
-        batch = np.ndim(states.motion.y)
-        leaves = map(np.asarray, jax.tree.leaves(states))
-        return np.concatenate([leaf[..., None] if leaf.ndim == batch else leaf for leaf in leaves], axis=-1)
+        batch = np.shape(states.motion.y)
+        return np.concatenate([np.reshape(leaf, (*batch, -1)) for leaf in jax.tree.leaves(states)], axis=-1)
 
     def unpack(self, rows: Array | np.ndarray) -> State:
         """Return states from rows of their numbers (*batch, size)."""
@@ -86,10 +92,16 @@ class StateLayout:
             modes = ModalMotion(zeros, zeros)
         memory = None
         if self.memory is not None:
-            parts.append(rows[..., count:])
+            parts.append(rows[..., count : count + len(self.memory)])
             memory = zeros
+            count += len(self.memory)
+        for leaf in jax.tree.leaves(self.rail):
+            parts.append(rows[..., count : count + leaf.size].reshape(*rows.shape[:-1], *leaf.shape))
+            count += leaf.size
         # by the structure, because the classes would convert and check the values of their fields
-        return jax.tree.unflatten(jax.tree.structure(State(Motion(payload=sled, modes=modes), memory)), parts)
+        return jax.tree.unflatten(
+            jax.tree.structure(State(Motion(payload=sled, modes=modes), memory, self.rail)), parts
+        )
 
 
 def coordinate_rows(state: State) -> Float[Array, "*batch coordinates"]:

@@ -19,6 +19,7 @@ from ..tools.fields import ShapeChecked, field, with_static_functions
 from ..tools.files import user_path, write_whole
 from ..tools.tracing import is_traced
 from ..tools.types import AnyArray, Numbers, Real
+from .beam import Beam
 from .contact import AbstractContactLaw, AbstractMemory, EventLatch, PeakRateLatch
 from .loads import AbstractFriction, AbstractLoad, SumLoad
 from .modes import Modes
@@ -47,6 +48,7 @@ PARTS: dict[str, tuple[type, str]] = {
     "payload": (Payload, "a slipperjax.model.Payload"),
     "wear": (AbstractWear, "a law of wear such as slipperjax.model.Wear(...)"),
     "friction": (AbstractFriction, "a friction law such as slipperjax.model.Coulomb(...)"),
+    "beam": (Beam, "a slipperjax.Beam"),
 }
 """Parts of a scene, each a table in its file: their classes, and the values that must be given."""
 INNER = (AbstractTrack, AbstractSpectrum, AbstractLoad, Mount, Modes)
@@ -86,12 +88,14 @@ class Scene(ShapeChecked):
     """Law by which the play opens along a run, see `slipperjax.run`."""
     window: Float[Array, ""] | None = field("m", positive, plausible=PLAUSIBLE_LENGTHS, default=None)
     """Length of travel that counts as a forcing period [m]; None for the track's first wavelength."""
+    beam: Beam | None = None
+    """How the rails bend; None: they are rigid."""
 
     def __check_init__(self):
         for name, (kind, text) in PARTS.items():
             part = getattr(self, name)
             # these parts may be None
-            if part is not None or name not in ("memory", "load", "friction", "payload", "wear"):
+            if part is not None or name not in ("memory", "load", "friction", "payload", "wear", "beam"):
                 instance(name, part, kind, text)
         _check_mounts(self)
         if is_traced((self.track, self.slipper.length)):
@@ -256,6 +260,11 @@ class Scene(ShapeChecked):
         names = [f"{point}{end}" for end in (1, 2) for point in self.section.names]
         slippers = self.slipper.names
         return [f"{slipper}_{name}" for slipper in slippers for name in names] if slippers else names
+
+    @property
+    def nodes(self) -> tuple[int, int]:
+        """Numbers of rails, and of track nodes under the ends of all slippers."""
+        return len(self.track.rails or [""]), 2 * len(self.mounted)
 
     @property
     def points(self) -> int:

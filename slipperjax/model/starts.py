@@ -20,6 +20,7 @@ from .kinematics import (
     ModalMotion,
     Motion,
     PayloadMotion,
+    bent,
     check_motion,
     contact_points,
     contacts,
@@ -101,7 +102,10 @@ def state_and_penetration(scene: Scene, start: Motion | State, epoch: Real = 0) 
     motion = start.motion
     memory = start.memory
     place = epoch + 0.0  # a number of any kind becomes one of 64 bits
-    frame = rail_frame(scene, place)
+    rail = None
+    if scene.beam is not None:
+        rail = scene.beam.at_rest(*scene.nodes) if start.rail is None else start.rail
+    frame = bent(rail_frame(scene, place), rail)
     rest = None
     if isinstance(motion, AtRest):
         rest = at_rest(scene, place)
@@ -118,7 +122,7 @@ def state_and_penetration(scene: Scene, start: Motion | State, epoch: Real = 0) 
             approach = rate - contacts(frame, rest).rate
             rate = jnp.where(jnp.abs(approach) > LEAST_APPROACH, approach, 0.0)
         memory = scene.contact_memory.initial(now.gap, rate)
-    return State(motion, memory), outside
+    return State(motion, memory, rail), outside
 
 
 def warn_of_start(start: Motion | State, penetration: Array, scene_of: Callable[[int], Scene], epoch: Real) -> None:

@@ -91,6 +91,7 @@ def check_forcing(scene: Scene) -> None:
     """Raise `ValueError` unless the forcing is periodic: constant speed, and a rail that recurs with the forcing
     period (not checked where traced)."""
     check_steady(scene)
+    require(scene.beam is None, "scene", "have rigid rails for an orbit", scene.beam)
     if not is_traced(scene.track):
         need = "have a track that recurs with the forcing period"
         with jax.ensure_compile_time_eval():  # inside jit, too

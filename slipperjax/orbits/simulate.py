@@ -55,6 +55,7 @@ class TrajectoryRecord(Unlabelled):
 
     saves: int = 1
     loads: bool = False
+    waves = True
 
     @property
     def inside(self):

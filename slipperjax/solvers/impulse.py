@@ -34,6 +34,7 @@ from ..model.kinematics import (
     Motion,
     RailFrame,
     attitude_rates,
+    bent,
     carried,
     contacts,
     modal_compliance,
@@ -42,6 +43,7 @@ from ..model.kinematics import (
 from ..model.scene import Scene
 from ..tools.forms import store, store_cotangent, store_if_differentiated
 from ..tools.hermite import Cubic, sign_change
+from .bending import RigidRails, rails_in_step
 from .latching import AbstractLatchingSolver, dense_info, field_of
 
 NODES_THROUGH = (0.5 - 0.5 / np.sqrt(3.0), 0.5 + 0.5 / np.sqrt(3.0))
@@ -97,9 +99,10 @@ class ImpulseRK4(AbstractLatchingSolver):
             )
         t0 = jnp.asarray(t0, float)
         rail = _moving(args, t0)
-        now = contacts(rail[0], y0.motion)
+        frame = bent(rail[0], y0.rail)
+        now = contacts(frame, y0.motion)
         turning = _turning(args, t0, rail, y0.motion)
-        return _ended(args, t0, rail[0], now, turning, y0)
+        return _ended(args, t0, frame, now, turning, y0)
 
     @jax.jit  # diffrax traces it more than once
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
@@ -110,6 +113,7 @@ class ImpulseRK4(AbstractLatchingSolver):
         half = t0 + 0.5 * dt
         middle = args.frame(half)
         rail = _moving(args, t1)
+        rails = rails_in_step(args, half, dt, y0.rail)
 
         def stage(t, frame, rates, share):
             """Return a stage's motion, its derivative, and the wrench of its forces along the start's directions."""
@@ -119,11 +123,12 @@ class ImpulseRK4(AbstractLatchingSolver):
             at = forces_at(scene, frame, now, State(m, y0.memory))
             directions = wrench_directions(scene, at, travel), before.wrenches
             own, by_start, _ = resultants(frame, *([at.force * d for d in each] for each in directions))
-            return m, per_period(travel, newton_euler(scene, m, own, travel)), by_start
+            return m, per_period(travel, newton_euler(scene, m, own, travel)), rails.noted(by_start, own)
 
-        y2, k2, f2 = stage(half, middle, k1, 0.5)
-        y3, k3, f3 = stage(half, middle, k2, 0.5)
-        y4, k4, f4 = stage(t1, rail[0], k3, 1.0)
+        f1 = rails.noted(before.wrench, before.wrench)
+        y2, k2, f2 = stage(half, rails.second(middle, f1), k1, 0.5)
+        y3, k3, f3 = stage(half, rails.second(middle, f2), k2, 0.5)
+        y4, k4, f4 = stage(t1, rails.fourth(rail[0], f1, f3), k3, 1.0)
         # m0 + dt (k1 + 2 k2 + 2 k3 + k4) / 6
         end = jax.tree.map(
             lambda a, p, q, r, k: (p + 2 * q + r - a) * (1 / 3) + (dt / 6) * k,
@@ -134,10 +139,10 @@ class ImpulseRK4(AbstractLatchingSolver):
             k4,
         )
         # means of the wrench over the step: `early` is weighted by the part of the step that is left, `mean` is not
-        early = [(a + b + c) / 6 for a, b, c in zip(before.wrench, f2, f3, strict=True)]
+        early = [(a + b + c) / 6 for a, b, c in zip(f1, f2, f3, strict=True)]
         mean = [e + (b + c + d) / 6 for e, b, c, d in zip(early, f2, f3, f4, strict=True)]
         state = State(store(end), y0.memory)
-        y1, rates, after = _corrected(args, rail, before, t1, dt, state, mean, early)
+        y1, rates, after = _corrected(args, rail, rails, before, t1, dt, state, mean, early)
         rates = store(rates)
         dense = dense_info(dt, y0, y1, State(k1, None), State(rates, None))
         return y1, None, dense, (rates, after), RESULTS.successful
@@ -146,6 +151,7 @@ class ImpulseRK4(AbstractLatchingSolver):
 def _corrected(
     args: Args,
     rail: tuple,
+    rails: RigidRails,
     before: Ends,
     t1,
     dt,
@@ -155,15 +161,16 @@ def _corrected(
 ) -> tuple[State, Motion, Ends]:
     """Return the state, its derivative and the contacts at the end of a step that RK4 ends at `state`.
 
-    **Arguments:** `rail`: `_moving` at the end of the step; `mean`: RK4's mean of the contacts' wrench over the step,
-    from which velocities follow; `early`: the same of the wrench times the part of the step that is left, from which
-    positions follow.
+    **Arguments:** `rail`: `_moving` at the end of the step; `rails`: those of the step; `mean`: RK4's mean of the
+    wrench, from which velocities follow; `early`: the same of the wrench times the part of the step that is left,
+    from which positions follow.
     """
     scene = args.scene
     m = state.motion
     memory = state.memory
     seconds = dt * args.travel(t1 - 0.5 * dt).period
-    frame, _ = rail
+    straight, _ = rail
+    frame, _ = rails.end(straight, mean, early)
     now = contacts(frame, m)
     lever = store(now.lever)
     gap, turning = store((now.gap, _turning(args, t1, rail, m)))
@@ -187,7 +194,7 @@ def _corrected(
         own = own + seconds * modal_compliance(frame)
         # modes have unit mass
         compliance = [*compliance, seconds]
-    own = store_if_differentiated(own)
+    own = store_if_differentiated(rails.compliance(frame, own))
 
     path = _path(before, gap, rate, turning, seconds)
     place, length, touches, bends = _edge(scene, path, gap, rate, memory)
@@ -227,9 +234,12 @@ def _corrected(
 
     # the difference of `total` changes velocities, and the difference of `total_early` changes positions
     share = 1 / (1 + rough)
-    changes = lambda new, old: [share * (a - b) for a, b in zip(new, old, strict=True)]
-    kick = [c * v for c, v in zip(compliance, changes(total, mean), strict=True)]
-    move = [seconds * c * v for c, v in zip(compliance, changes(total_early, early), strict=True)]
+    changes = lambda new, old: [share * (a - b) for a, b in zip(new, old, strict=False)]
+    # the wrench ends with forces on rails that bend
+    later = changes(total, mean)
+    kick = [c * v for c, v in zip(compliance, later, strict=False)]
+    sooner = changes(total_early, early)
+    move = [seconds * c * v for c, v in zip(compliance, sooner, strict=False)]
     # rotation of the attitude, at RK4's attitude
     turn = attitude_rates(dataclasses.replace(m, w_x=move[2], w_y=move[3], w_z=move[4]))
     after = moved(m, Motion(move[0], move[1], *turn, *kick[:5]))
@@ -238,11 +248,14 @@ def _corrected(
         after = dataclasses.replace(after, modes=modes)
     m, kick, move = store((after, kick, move))
     end = Contacts(gap + along(*move), rate + along(*kick), lever)
+    added = lambda old, new: [a + b for a, b in zip(old[-1:], new[-1:], strict=True)]
+    settled, bending = rails.end(straight, added(mean, later), added(early, sooner))
+    end = rails.moved(frame, settled, end)
     if memory is not None:
         rates = Rates(path.rate, path.rise, path.bend, end.rate)
         memory = jnp.where(end.gap >= 0, 0.0, scene.contact_memory.kept(memory, rates, touches))
-    state = State(m, memory)
-    return state, *_ended(args, t1, frame, end, turning, state)
+    state = State(m, memory, bending)
+    return state, *_ended(args, t1, settled, end, turning, state)
 
 
 def _ended(

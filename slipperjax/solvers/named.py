@@ -17,6 +17,10 @@ OWN_SOLVERS = {kind.__name__: kind for kind in (RK4, ImpulseRK4, Tsit5, Rodas4, 
 """The solvers of this package by name."""
 
 
+BENDING = "be ImpulseRK4 for a rail that bends"
+"""Why a scene with a beam needs its solver."""
+
+
 def solver_named(name: str) -> diffrax.AbstractSolver:
     """Return a solver by its name, of slipperjax or else of diffrax; "diffrax.Tsit5" is always diffrax's.
 
@@ -50,6 +54,9 @@ def resolve_solver(
 
     **Raises:** `ValueError` for an object that is no solver, or a solver that cannot be latched.
     """
+    if scene.beam is not None:
+        require(solver in (None, "ImpulseRK4") or isinstance(solver, ImpulseRK4), "solver", BENDING, solver)
+        require(knows_contacts(scene), "memory", "be a latch for a rail that bends", scene.contact_memory)
     if solver is None:
         return ImpulseRK4() if knows_contacts(scene) else RK4()
     if isinstance(solver, str):

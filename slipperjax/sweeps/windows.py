@@ -161,6 +161,7 @@ def default_records(scene: Scene) -> list[str]:
     names += ["static_ratio"] * (scene.gravity is not None or scene.load is not None)
     names += ["friction_work"] * (scene.friction is not None)
     names += ["spring_force"] * (scene.payload is not None)
+    names += ["rail_deflection", "rail_energy"] * (scene.beam is not None)
     names += ["slipper_force", "slipper_roll"] * bool(scene.slipper.names)
     return names
 

@@ -90,7 +90,7 @@ def after_impact(relative, stepping, solver, law=sj.model.Flores):
     state = sj.State(motion, jnp.zeros(1))
     terms, args, solver = diffrax.ODETerm(Ball()), sj.model.Args(scene), stepping.prepared(solver)
     begin = stepping.begin(terms, solver, state, args)
-    return stepping.period(terms, solver, state, begin, args, False).end.motion.v_z
+    return stepping.period(terms, solver, state, begin, args, None).end.motion.v_z
 
 
 def factor(law):

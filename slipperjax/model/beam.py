@@ -1,0 +1,264 @@
+"""A rail that bends: Euler and Bernoulli's beam on an elastic bed, in Fourier modes of a ring that travels along.
+
+A deflection w, lateral or vertical, obeys EI w'''' + m w_tt + c w_t + k w = sum of the forces at the track nodes. In
+the frame that travels with the speed V the nodes stand still. The mode of the wave number K is the sum of two complex
+waves, which run backwards and forwards and move as exp((-g +- i w + i K V) t), so that a step of any length
+multiplies them exactly.
+
+The ring is longer than the rail that matters, and its waves must die before they come round. Therefore each wave has
+at least a damping in proportion to its speed relative to the body: few waves are slow, and these stay where they are.
+"""
+
+import functools
+from typing import ClassVar, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..tools.checks import not_negative, number, positive, require
+from ..tools.fields import ShapeChecked, field
+from ..tools.forms import store, sums
+from ..tools.tracing import is_traced
+from ..tools.types import Real
+
+Pair = Float[Array, "2"]
+Waves = tuple[Array, Array]
+"""Real and imaginary parts of complex numbers, or of waves of rails, (rails, 2 directions, 2 waves, modes) [m]."""
+
+
+class RailState(eqx.Module):
+    """How rails bend around the body at one instant."""
+
+    deflection: Float[Array, "2 nodes"]
+    """Lateral and vertical deflection at each track node, first the front one of each slipper [m]."""
+    rate: Float[Array, "2 nodes"]
+    """Rates of these deflections [m/s]; the nodes travel with the body."""
+    waves: Waves
+    """Waves of all modes, whose sum along the ring is the deflection [m]."""
+
+
+class Beam(ShapeChecked):
+    """A rail that bends laterally and vertically, on an elastic bed; each rail of a track is such a beam.
+
+    ```python
+    scene = dataclasses.replace(scene, beam=sj.Beam.crane_rail())
+    ```
+
+    Values are of the lateral and of the vertical direction. There is no torsion, and supports are spread evenly along
+    the rail.
+    """
+
+    bending_stiffness: Pair = field("N m^2", positive)
+    """Bending stiffness EI of the lateral and the vertical direction [N m^2]."""
+    mass: Float[Array, ""] = field("kg/m", positive)
+    """Mass of the rail per length [kg/m]."""
+    bed: Pair = field("N/m^2", positive)
+    """Stiffness of the bed per length of rail [N/m^2]."""
+    damping: Pair = field("N s/m^2", not_negative, default=(0.0, 0.0))
+    """Damping of the bed per length of rail [N s/m^2]."""
+    ring: float = eqx.field(static=True, default=64.0)
+    """Length of rail that is followed, which closes to a ring [m]."""
+    shortest: float = eqx.field(static=True, default=0.4)
+    """Shortest wavelength [m]."""
+
+    absorbed: ClassVar = 5.0
+    """Least damping of a wave, as its decay rate times the time in which it goes around the ring [1]. With 3 to 7 the
+    ring changes the response to an impulse least."""
+
+    def __check_init__(self):
+        number(positive, "ring", self.ring, "m")
+        number(positive, "shortest", self.shortest, "m")
+        need = f"be 10 to 10000 times `shortest`, which is {self.shortest:g} m"
+        require(10 <= self.ring / self.shortest <= 10_000, "ring", need, self.ring)
+        if not is_traced(self):
+            ratio = float(np.max(np.asarray(self.damping) / np.sqrt(np.asarray(self.mass * self.bed)))) / 2
+            require(ratio < 0.5, "damping", "be below half the critical damping", shown=f"{ratio:.3g} of it")
+
+    @classmethod
+    def crane_rail(cls, pounds_per_yard: int = 171, *, bed: Real = 1e8, damping_ratio: Real = 0.02) -> "Beam":
+        """Return a rail of steel with an American crane rail's section, of those in `CRANE_RAILS`.
+
+        **Arguments:** `bed`: [N/m^2]; `damping_ratio`: of a rail that moves up and down as a whole [1].
+        """
+        known = ", ".join(map(str, CRANE_RAILS))
+        require(pounds_per_yard in CRANE_RAILS, "pounds_per_yard", f"be one of {known}", pounds_per_yard)
+        inertia = np.array(CRANE_RAILS[pounds_per_yard])
+        mass = pounds_per_yard * POUND_PER_YARD
+        damping = 2 * damping_ratio * (mass * bed) ** 0.5
+        return cls(YOUNG_OF_STEEL * inertia * INCH**4, mass, (bed, bed), (damping, damping))
+
+    @property
+    def wave_numbers(self) -> Float[np.ndarray, " modes"]:
+        """Wave numbers of the modes [rad/m]."""
+        return 2 * np.pi / self.ring * np.arange(int(self.ring / self.shortest) + 1.0)
+
+    def exponents(self, speed: Real) -> tuple[Array, Array]:
+        """Return the exponents of the waves without and with the passage of the ring [1/s], and complex,
+        (2 directions, 2 waves, modes)."""
+        k = self.wave_numbers[None, None]
+        stiffness, bed, damping = (of[:, None, None] for of in (self.bending_stiffness, self.bed, self.damping))
+        frequency = jnp.sqrt((stiffness * k**4 + bed) / self.mass)
+        group = 2 * stiffness * k**3 / (self.mass * frequency)
+        # the first wave runs backwards, and the second one forwards
+        sign = np.array([[[1.0], [-1.0]]])
+        relative = jnp.abs(group + speed * sign)
+        decay = jnp.maximum(damping / (2 * self.mass), self.absorbed / self.ring * relative)
+        # each wave oscillates, also in a ring that is too short
+        decay = jnp.minimum(decay, frequency / 2)
+        runs = 1j * sign * jnp.sqrt(frequency**2 - decay**2) - decay
+        return jnp.asarray(runs), jnp.asarray(runs + 1j * k * speed)
+
+    def at_rest(self, rails: int, nodes: int) -> RailState:
+        """Return the state of straight rails."""
+        still = jnp.zeros((2, nodes))
+        none = jnp.zeros((rails, 2, 2, len(self.wave_numbers)))
+        return RailState(still, still, (none, none))
+
+    def energy(self, waves: Waves, speed: Real) -> Float[Array, " rails"]:
+        """Return the energy of each rail and its bed [J]."""
+        k = self.wave_numbers
+        runs, _ = self.exponents(speed)
+        each = waves[0] + 1j * waves[1]
+        moved, rate = jnp.sum(each, axis=2), jnp.sum(runs[None] * each, axis=2)
+        stiffness = self.bending_stiffness[:, None] * k[None] ** 4 + self.bed[:, None]
+        # the mode without waves moves the whole ring, others half of it in the mean
+        share = self.ring * np.where(k > 0, 0.25, 0.5)
+        energy = self.mass * jnp.abs(rate) ** 2 + stiffness[None] * jnp.abs(moved) ** 2
+        return jnp.sum(share[None, None] * energy, axis=(1, 2))
+
+    def step(self, on: Float[np.ndarray, "rails nodes"], places: Array, speed: Real, seconds: Real) -> "RailStep":
+        """Return what multiplies the waves in a step.
+
+        **Arguments:** `on`: 1 where a node is on a rail, 0 elsewhere; `places`: of the nodes, ahead of the body's
+        centre [m]; `speed`: [m/s]; `seconds`: duration of the step.
+        """
+        k = self.wave_numbers
+        _, exponent = self.exponents(speed)
+        # a force moves each mode by its share of the ring's mass
+        share = np.where(k > 0, 2.0, 1.0)[None, None] / (self.ring * self.mass)
+        apart = exponent - exponent[:, ::-1]
+        turn = jnp.exp(1j * k[None] * places[:, None])
+        shape = on[..., None] * turn[None]
+        between = jnp.einsum("rjn,rln->jln", shape, jnp.conj(shape))
+
+        def pushed(after: Real, *forms) -> list[Array]:
+            """Return the waves after forces that change over some seconds as `forms`, from phi_1 and phi_2."""
+            z = exponent * after
+            one = (jnp.exp(z) - 1) / z
+            two = (one - 1) / z
+            return [share * after * form(one, two) / apart for form in forms]
+
+        def felt(waves: Array) -> Array:
+            """Return deflections and rates that each node gets from each node, (2, 2, nodes, nodes)."""
+            both = jnp.stack([waves, exponent * waves], axis=1)
+            return jnp.einsum("dabn,jln->dajl", both, between).real
+
+        steady = lambda one, two: one
+        (half,) = pushed(seconds / 2, steady)
+        (whole,) = pushed(seconds, steady)
+        # a force linear in time, by its mean and by the mean of the force times the part of the step that is left
+        driven = pushed(seconds, lambda one, two: 6 * two - 2 * one, lambda one, two: 6 * one - 12 * two)
+        pair = lambda z: (z.real, z.imag)
+        return RailStep(
+            half=felt(half),
+            whole=felt(whole),
+            ends=(felt(driven[0]), felt(driven[1])),
+            decay=pair(jnp.exp(exponent * seconds)),
+            driven=(pair(driven[0]), pair(driven[1])),
+            shape=pair(shape),
+            exponent=pair(exponent),
+            seconds=seconds,
+        )
+
+
+INCH = 0.0254
+"""Metres in an inch."""
+POUND_PER_YARD = 0.45359237 / 0.9144
+"""kg/m in a pound per yard."""
+YOUNG_OF_STEEL = 2.07e11
+"""Young's modulus of steel [N/m^2]."""
+CRANE_RAILS = {171: (28.0, 73.4)}
+"""Second moments of area of crane rails [in^4] by pounds per yard: the lateral one from the rectangles of head, web
+and base, the vertical one from the tables of AISC's Steel Construction Manual."""
+
+
+class RailStep(NamedTuple):
+    """What multiplies waves and forces in a step; forces are those on the rail at its nodes, (2, nodes) [N]."""
+
+    half: Float[Array, "2 2 nodes nodes"]
+    """Deflection [m/N] and rate [m/s/N] after half the step, of a force that is constant over it."""
+    whole: Float[Array, "2 2 nodes nodes"]
+    """The same after the step."""
+    ends: tuple[Array, Array]
+    """The same of the two means of a force, see `driven`."""
+    decay: Waves
+    """Factors of the waves in the step, (2, 2, modes)."""
+    driven: tuple[Waves, Waves]
+    """Waves after a force with a mean of 1 N, and with a mean of 1 N of the force times the part of the step that is
+    left, (2, 2, modes)."""
+    shape: Waves
+    """Modes at the nodes, (rails, nodes, modes) [1]."""
+    exponent: Waves
+    """Rates of the waves over the waves [1/s], (2, 2, modes)."""
+    seconds: Real
+    """Duration of the step [s]."""
+
+    def free(self, waves: Waves) -> RailState:
+        """Return the rails after the step without forces."""
+        each = lambda of: (of[0][None], of[1][None])  # of all rails
+        waves = _times(waves, each(self.decay))
+        at_nodes = []
+        # all sums in one pass over the modes
+        for moves in (waves, _times(waves, each(self.exponent))):
+            x, y = (part[:, :, 0] + part[:, :, 1] for part in moves)
+            at_nodes += [real[:, None] * x - imag[:, None] * y for real, imag in self._nodes]
+        # of each node and direction, from all rails
+        deflection, rate = jnp.reshape(jnp.stack(sums(*at_nodes)), (2, len(self._nodes), -1, 2)).sum(2).mT
+        deflection, rate = store((deflection, rate))
+        return RailState(deflection, rate, waves)
+
+    @property
+    def _nodes(self) -> list[Waves]:
+        """The modes at each node, (rails, modes)."""
+        real, imag = self.shape
+        return [(real[:, j], imag[:, j]) for j in range(real.shape[1])]
+
+    def halfway(self, start: RailState, free: RailState) -> RailState:
+        """Return the free rails in the middle of the step, by the cubic between both ends."""
+        moved = free.deflection - start.deflection
+        middle = start.deflection + moved / 2 + self.seconds / 8 * (start.rate - free.rate)
+        return RailState(middle, 1.5 / self.seconds * moved - (start.rate + free.rate) / 4, free.waves)
+
+    def end(self, free: RailState, mean: Array, early: Array) -> RailState:
+        """Return the rails after forces by their two means, see `driven`."""
+        total = free.waves
+        for force, driven in zip((mean, early), self.driven, strict=True):
+            # the forces of all nodes on each mode
+            push = [part[:, None] * force[None, :, j, None] for j, node in enumerate(self._nodes) for part in node]
+            real, imag = (functools.reduce(jnp.add, push[k::2])[:, :, None] for k in range(2))
+            more = _times((real, -imag), (driven[0][None], driven[1][None]))
+            total = total[0] + more[0], total[1] + more[1]
+        moved = RailState(free.deflection, free.rate, store(total))
+        return pressed(moved, (self.ends[0], mean), (self.ends[1], early))
+
+
+def weights_of(rail: RailState) -> RailState:
+    """Return the weights of a tangent's parts: waves count in millimetres, of which the other parts are sums."""
+    none = jnp.zeros_like(rail.rate)
+    wave = jnp.full_like(rail.waves[0], 1e3)
+    return RailState(none, none, (wave, wave))
+
+
+def pressed(free: RailState, *loads: tuple[Array, Array]) -> RailState:
+    """Return rails with the deflections and rates at the nodes by forces, each with its compliance."""
+    more = functools.reduce(jnp.add, (jnp.sum(each * force[:, None, None, :], axis=-1) for each, force in loads))
+    # stored, or each contact point would compute it again
+    deflection, rate = store((free.deflection + more[:, 0], free.rate + more[:, 1]))
+    return RailState(deflection, rate, free.waves)
+
+
+def _times(a: Waves, b: Waves) -> Waves:
+    """Return the product of complex numbers."""
+    return a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]

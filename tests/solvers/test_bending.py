@@ -1,0 +1,151 @@
+"""Slippers on rails that bend, against an integral equation, a sum of energies and finite differences."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import cumulative_simpson
+from scipy.optimize import brentq
+
+import slipperjax as sj
+from slipperjax.model.kinematics import bent, contacts, rail_frame
+
+from ..model.test_beam import MASS, STIFFNESS, beam
+
+SLIPPER = 14.0
+"""Mass of the slipper [kg]."""
+pytestmark = [pytest.mark.full, pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")]
+
+
+class FarRail(sj.Beam):
+    """A rail whose ring hardly damps, for runs that end before waves come round."""
+
+    absorbed = 0.5
+
+
+def dropped(stiffness, seconds, rail, length):
+    """A slipper that falls on a straight rail at 1 m/s, without damping; its four points act as one spring."""
+    scene = sj.paper_scene(length=length)
+    law = sj.model.HertzSpring(stiffness / 4)
+    scene = dataclasses.replace(
+        scene, track=sj.model.StraightTrack(), contact=law, beam=rail, speed=1.0, window=seconds
+    )
+    start = sj.Motion(z=-scene.section.play[0], v_z=-1.0)
+    steps = dict(steps_per_period=200, saves_per_period=200)
+    return scene, sj.simulate(scene, start=start, periods=1, probe=0, **steps)
+
+
+def by_volterra(stiffness, seconds, count):
+    """Highest force [N] and last speed [m/s] of a mass that falls at 1 m/s through a spring on a free beam.
+
+    The force is piecewise linear in time, and the kernels of mass and beam are integrated exactly.
+    """
+    step = seconds / count
+    k = np.arange(count)
+    power = lambda p: ((k + 1) ** p - k**p) / p
+    older = lambda p: step ** (p + 1) * (power(p + 2) - k * power(p + 1))
+    newer = lambda p: step ** (p + 1) * ((k + 1) * power(p + 1) - power(p + 2))
+    beams = 1 / np.sqrt(2 * np.pi) / (STIFFNESS * MASS**3) ** 0.25
+    before, now = (beams * weight(0.5) + weight(1) / SLIPPER for weight in (older, newer))
+    force = np.zeros(count + 1)
+    for i in range(1, count + 1):
+        depth = i * step - np.dot(before[i - 1 :: -1], force[:i]) - np.dot(now[i - 1 : 0 : -1], force[1:i])
+        law = lambda f, depth=depth: stiffness * max(depth - now[0] * f, 0.0) ** 1.5
+        if depth > 0:
+            force[i] = brentq(lambda f, law=law: law(f) - f, 0.0, law(0.0), xtol=1e-9)
+    return force.max(), np.trapezoid(force, dx=step) / SLIPPER - 1.0
+
+
+@pytest.mark.parametrize(("stiffness", "seconds"), [(1e9, 3e-3), (1e10, 1.2e-3), (5e10, 6e-4)])
+def test_impact_against_volterra(stiffness, seconds):
+    """Highest force and rebound of an impact on a free beam, by the integral equation of its impulse response."""
+    rail = FarRail((STIFFNESS,) * 2, MASS, (1.0, 1.0), ring=256.0, shortest=0.2)
+    _, run = dropped(stiffness, seconds, rail, 0.005)
+    highest, rebound = by_volterra(stiffness, seconds, 2000)
+    # two points at each end
+    force = 2 * np.asarray(run.loads.peak_force).sum(axis=(0, 1)).max()
+    # 1e-4 to 3.4e-4 by the ring's damping
+    assert force == pytest.approx(highest, rel=6e-4)
+    assert float(run.end.motion.v_z) == pytest.approx(rebound, rel=6e-4)
+
+
+@pytest.mark.parametrize(("stiffness", "seconds"), [(1e8, 8e-3), (5e10, 6e-4)])
+def test_energy_of_an_impact(stiffness, seconds):
+    """Energies of slipper, contacts, rail and what the bed takes sum to the slipper's at the start."""
+    rail = beam()
+    scene, run = dropped(stiffness, seconds, rail, 0.2)
+
+    @jax.vmap
+    def energies(state):
+        m = state.motion
+        gap = contacts(bent(rail_frame(scene, 0.0), state.rail), m).gap
+        sprung = 0.4 * scene.contact.stiffness * jnp.sum(jnp.maximum(-gap, 0) ** 2.5)
+        # without forces the energy of the rail falls by what the bed takes
+        real, imag = state.rail.waves
+        exponents, _ = rail.exponents(scene.speed)
+        change = exponents[None] * (real + 1j * imag)
+        energy = lambda waves: rail.energy(waves, scene.speed)[0]
+        stored, loss = jax.jvp(energy, (state.rail.waves,), ((change.real, change.imag),))
+        return SLIPPER * (m.v_y**2 + m.v_z**2) / 2 + sprung + stored, -loss
+
+    held, loss = map(np.asarray, energies(run.state))
+    lost = cumulative_simpson(loss, x=np.asarray(run.time), initial=0)
+    # 3e-7
+    np.testing.assert_allclose(held + lost, SLIPPER / 2, rtol=3e-6)
+    # much goes into the rail, or all parts but the slipper's would not be tested
+    assert float(run.end.motion.v_z) < 0.9
+
+
+def test_derivatives():
+    """Derivatives by the rail's numbers, against central differences of the same run."""
+    scene = dataclasses.replace(sj.paper_scene(stiffness=1e9), beam=beam(ring=16.0))
+    names = ("beam.bending_stiffness.1", "beam.bed.1", "beam.mass")
+
+    @jax.jit
+    def highest(relative):
+        changed = scene.replace(**{name: scene.value(name) * x for name, x in zip(names, relative, strict=True)})
+        run = sj.simulate(changed, start=sj.table_2_start(), periods=1, steps_per_period=200, probe=0)
+        return jnp.max(run.loads.peak_force)
+
+    slopes = jax.jacfwd(highest)(np.ones(3))
+    small = 1e-6 * np.eye(3)
+    differences = [(highest(1 + d) - highest(1 - d)) / 2e-6 for d in small]
+    np.testing.assert_allclose(slopes, differences, rtol=1e-4)
+    assert np.all(np.abs(slopes) > 0)
+
+
+def test_records_and_resuming():
+    """Deflection and energy of a sweep; a run in two parts is the run in one."""
+    scene = dataclasses.replace(sj.paper_scene(), beam=beam(ring=16.0))
+    grid = {"speed": [1200.0, 1250.0]}
+    options = dict(transient=1, periods=2, steps_per_period=50, probe=False)
+    ds = sj.sweep(scene, grid, record=("rail_deflection", "rail_energy"), **options).ds
+    rigid = sj.sweep(dataclasses.replace(scene, beam=None), grid, record="rail_deflection", **options).ds
+    assert np.all(rigid.rail_deflection == 0)
+    assert np.all(ds.rail_energy > 0)
+    # a few times the deflection of a load at rest, of which the force is 10 to 100 kN
+    assert np.all((ds.rail_deflection[..., 1] > 2e-5) & (ds.rail_deflection[..., 1] < 2e-3))
+    whole = sj.simulate(scene, periods=2, steps_per_period=50, probe=0)
+    first = sj.simulate(scene, periods=1, steps_per_period=50, probe=0)
+    second = sj.simulate(scene, periods=1, steps_per_period=50, probe=0, start=first.end)
+    for a, b in zip(jax.tree.leaves(whole.end), jax.tree.leaves(second.end), strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12)
+
+
+def test_rails_of_a_sled():
+    """Rails bend each under its own slippers: a level sled that falls on two rails stays level, with equal bends."""
+    mounts = [sj.Mount(x, y, rail=rail) for x in (0.5, -0.5) for y, rail in ((0.9, "left"), (-0.9, "right"))]
+    sled = sj.Sled(mass=60.0, inertia=(20.0, 20.0, 30.0), mounts=mounts)
+    level = sj.model.TwoRails(sj.model.StraightTrack(), sj.model.StraightTrack())
+    scene = dataclasses.replace(
+        sj.paper_scene(), slipper=sled, track=level, beam=beam(ring=16.0), speed=1.0, window=4e-3
+    )
+    run = sj.simulate(scene, start=sj.Motion(z=-5e-4, v_z=-1.0), periods=1, steps_per_period=50, probe=0)
+    rail = run.end.rail
+    deflection = np.asarray(rail.deflection[1]).reshape(2, 2, 2)
+    np.testing.assert_allclose(deflection[:, 0], deflection[:, 1], rtol=1e-9)
+    assert np.all(deflection != 0)
+    left, right = np.asarray(scene.beam.energy(rail.waves, 1.0))
+    assert left == pytest.approx(right, rel=1e-9)
