@@ -66,6 +66,7 @@ FINE = dict(
 )
 """A value of each argument that has no default, by name; of None only the argument itself is tried."""
 OWN = {
+    "explain": dict(function=sj.sweep),
     "compare": dict(scene=dataclasses.replace(SCENE, track=RAIL)),
     "OnePoint": dict(record=flow.RECORDS["peak_force"]),
     "RandomTrack": dict(lateral=None, vertical=model.CornerSpectrum(1e-7, 0.02, 0.8)),

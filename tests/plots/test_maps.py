@@ -82,7 +82,7 @@ def test_basins_are_named_by_their_motion_and_share():
     of_each = {"basin_period": ("attractor", [1, 2, 0]), "share": ("attractor", [0.5, 1 / 6, 1 / 6])}
     data = {"basin": (dims, basin), "status": (dims, np.where(basin < 0, 2, 0)), **of_each}
     ax = plots.basin_map(xr.Dataset(data, grid))
-    assert legend(ax) == ["period 1: 50%", "period 2: 17%", "no period: 17%", "not trusted"]
+    assert legend(ax) == ["0: period 1, 50%", "1: period 2, 17%", "2: no period, 17%", "not trusted"]
     assert labels(ax) == ("start $V_Y$ [m/s]", "start $V_Z$ [m/s]")
     many = {"basin_period": ("attractor", np.ones(9, int)), "share": ("attractor", np.full(9, 0.1))}
     nine = xr.Dataset({"basin": (dims, [[0, 1, 2], [6, 7, 8]]), **many}, grid)

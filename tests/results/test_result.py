@@ -98,6 +98,7 @@ def test_each_question_has_a_kind_of_result_and_datasets_of_others_are_refused()
         "optimise_design",
         "fit",
         "telemetry",
+        "basins",
     }
     assert questions | {"periodic_orbit", "continue_orbit", "continue_event", "continue_motion"} == set(KINDS)
     with pytest.raises(ValueError, match=r"`source` must be a result of slipperjax, but is a dataset with no attr"):
