@@ -180,8 +180,8 @@ POUND_PER_YARD = 0.45359237 / 0.9144
 YOUNG_OF_STEEL = 2.07e11
 """Young's modulus of steel [N/m^2]."""
 CRANE_RAILS = {171: (28.0, 73.4)}
-"""Second moments of area of crane rails [in^4] by pounds per yard: the lateral one from the rectangles of head, web
-and base, the vertical one from the tables of AISC's Steel Construction Manual."""
+"""Second moments of area of crane rails [in^4] by pounds per yard: the lateral one is an estimate from the rectangles
+of head, web and base, the vertical one is of the kind that catalogues give. A maker's own numbers go before both."""
 
 
 class RailStep(NamedTuple):
