@@ -252,7 +252,7 @@ def _examples() -> dict[str, object]:
         "load": [Table(AppliedLoad, {TYPE: AppliedLoad.__name__, "force": [0.0, 0.0, -800.0]})],
         "payload": Table(Payload, {"mass": 100.0, "stiffness": [2e6, 8e6]}),
         "wear": Wear(1e-13),
-        "beam": Beam.crane_rail(),
+        "beam": Beam((2.4e6, 6.3e6), 85.0, (1e8, 1e8), (3.7e3, 3.7e3)),
         "start": Table(Motion, {"v_y": 0.5, "z": 1e-4}),
         "environment": EnvironmentTable([[0.0, 0.0, 0.05]], margin=3.0),
         "loads": LoadsTable([1e-3, 5e-3]),

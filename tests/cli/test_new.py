@@ -72,7 +72,7 @@ def test_each_table_behind_a_mark_loads_without_it(body, tmp_path, capsys):
     file = tmp_path / "sled.toml"
     text = file.read_text()
     headers = re.findall(r"(?m)^#(\[.*\])$", text)
-    names = ["friction", "load", "payload", "wear", "start", "environment", "loads", "track.faults"]
+    names = ["friction", "load", "payload", "wear", "beam", "start", "environment", "loads", "track.faults"]
     assert [header.strip("[]") for header in headers] == names
     for header in headers:
         file.write_text(uncommented(text, header))
@@ -80,7 +80,7 @@ def test_each_table_behind_a_mark_loads_without_it(body, tmp_path, capsys):
         sj.load(file)
     file.write_text(uncommented(text))
     found = sj.load(file)
-    for name in ("friction", "load", "payload", "wear"):
+    for name in ("friction", "load", "payload", "wear", "beam"):
         assert getattr(before, name) is None
         assert getattr(found.scene, name) is not None
     assert float(found.start.v_y) == 0.5
