@@ -1,6 +1,7 @@
 """What rails of samples cost, and do to slippers: `pytest -m benchmark -s tests/benchmarks/test_rails.py`."""
 
 import dataclasses
+import functools
 
 import numpy as np
 import pytest
@@ -31,6 +32,23 @@ def test_sweeps_on_rails_beside_the_harmonic_one():
     medians = {name: timed.median for name, timed in in_turns(runs, 5).items()}
     for name, base in zip(kinds, ["harmonic, 200 cases"] * 3 + ["harmonic, 241 speeds"] * 2, strict=True):
         print(f"{name}: {medians[name]:.2f} s, {medians[name] / medians[base]:.2f} of the harmonic one")
+
+
+def test_sweeps_on_rails_that_bend():
+    options = dict(transient=0, periods=20, steps_per_period=100, record="strobe", workers=1)
+    for name, grid in (("restitution", np.linspace(0.8, 0.95, 64)), ("speed", np.linspace(500.0, 2000.0, 64))):
+        beams = {"rigid": None} | {f"{ring / 0.4:.0f} modes": beam_of(ring) for ring in (32.0, 64.0, 128.0)}
+        runs = {
+            kind: functools.partial(sj.sweep, dataclasses.replace(SCENE, beam=beam), {name: grid}, **options)
+            for kind, beam in beams.items()
+        }
+        medians = {kind: timed.median for kind, timed in in_turns(runs, 3).items()}
+        for kind, time in medians.items():
+            print(f"64 values of {name}, {kind}: {time:.2f} s, {time / medians['rigid']:.1f} of a rigid rail")
+
+
+def beam_of(ring):
+    return dataclasses.replace(sj.Beam.crane_rail(), ring=ring)
 
 
 def test_accelerations_on_a_sled_rail_beside_a_straight_one():
