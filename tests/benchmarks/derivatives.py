@@ -31,7 +31,7 @@ def question(what: str) -> tuple[Callable, object]:
     """A function and its argument."""
     speed = jnp.asarray(1250.0)
     if what in ("RK4", "ImpulseRK4"):
-        solver = getattr(sj, what)()
+        solver = getattr(sj.solvers, what)()
         return lambda v: after_three(solver, SCENE.replace(speed=v)), speed
     if what == "scene and start":
         return lambda both: after_three(None, *both), (SCENE, START)
