@@ -234,12 +234,14 @@ def _corrected(
 
     # the difference of `total` changes velocities, and the difference of `total_early` changes positions
     share = 1 / (1 + rough)
-    changes = lambda new, old: [share * (a - b) for a, b in zip(new, old, strict=False)]
-    # the wrench ends with forces on rails that bend
+    # RK4's means end with the forces on nodes along the directions of their own stages, see `rails.noted`
+    changes = lambda new, old: [share * (a - b) for a, b in zip(new, old[: len(new)], strict=True)]
     later = changes(total, mean)
-    kick = [c * v for c, v in zip(compliance, later, strict=False)]
     sooner = changes(total_early, early)
-    move = [seconds * c * v for c, v in zip(compliance, sooner, strict=False)]
+    # the wrench ends with forces on rails that bend, which do not move the body
+    own_size = len(compliance)
+    kick = [c * v for c, v in zip(compliance, later[:own_size], strict=True)]
+    move = [seconds * c * v for c, v in zip(compliance, sooner[:own_size], strict=True)]
     # rotation of the attitude, at RK4's attitude
     turn = attitude_rates(dataclasses.replace(m, w_x=move[2], w_y=move[3], w_z=move[4]))
     after = moved(m, Motion(move[0], move[1], *turn, *kick[:5]))

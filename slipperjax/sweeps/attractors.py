@@ -97,8 +97,8 @@ def groups(ds: xr.Dataset, last: int = 20, tolerance: float = 0.05, reach: float
 
     **Returns:** an `xarray.Dataset`, which `slipperjax.plots.basin_map` draws: `basin`, the number of each case's
     attractor, -1 for cases with a status other than 0; for each `attractor`, `basin_period`, the forcing periods
-    after which it recurs, 0 if it does not, and `share` of the cases
-    [1], with `share_stderr`, at each value of the parameters.
+    after which it recurs, 0 if it does not, and `share` of the cases [1], with `share_stderr`, at each value of the
+    parameters.
     """
     states = strobe_states(ds, last) / COORDINATE_SCALES
     strobe = ds["strobe"].isel(strobe_period=0, coordinate=0, drop=True)
