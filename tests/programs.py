@@ -22,8 +22,10 @@ EVENTS = {
 COLUMNS = (*EVENTS.values(), "seconds")
 DEAREST = 20
 """Tests and programs that are printed."""
-BUDGET = 2_100
-"""Programs that the default tests may lower, in two workers, with those of single operations: 2,117 with JAX 0.10."""
+BUDGET = 2_500
+"""Programs that the default tests may lower, in two workers, with those of single operations.
+
+Two workers lower a program twice where its tests fall to both: 2,083 and 2,299 were counted for the same tests."""
 
 
 def processor_time() -> float:
