@@ -16,12 +16,13 @@ from slipperjax.tools.files import table_lines
 
 from .test_applicability import ENSEMBLES, MEMBERS, percent, with_part
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")]
 STEEL = 5e10
 STIFFNESSES = (1e8, 1e9, STEEL)
 """Stiffness of the contacts [N/m^1.5]."""
 SPEEDS = (1000.0, 2000.0)
 CRANE = sj.Beam.crane_rail(bed=1e8)
+RAILS = {"rigid": None, "bends": CRANE}
 FEWER = 128
 """Members where a change of the rail's numbers or of the method is looked at."""
 
@@ -34,9 +35,9 @@ def on(rail, stiffness=STEEL, restitution=0.9):
 
 
 @functools.cache
-def forces(speed, rail, stiffness=STEEL, restitution=0.9):
-    """The highest force of each member on a rail [N]."""
-    return ENSEMBLES[f"sled rail, {speed:g} m/s"].peaks(on(rail, stiffness, restitution))
+def forces(speed, kind, stiffness=STEEL, restitution=0.9):
+    """The highest force of each member on a kind of rail [N]."""
+    return ENSEMBLES[f"sled rail, {speed:g} m/s"].peaks(on(RAILS[kind], stiffness, restitution))
 
 
 def kilo(forces, share):
@@ -47,17 +48,17 @@ def test_forces_with_and_without_the_rail():
     rows = []
     for stiffness in STIFFNESSES:
         for speed in SPEEDS:
-            rigid, bends = (forces(speed, rail, stiffness) for rail in (None, CRANE))
+            rigid, bends = (forces(speed, kind, stiffness) for kind in RAILS)
             row = {"stiffness [N/m^1.5]": f"{stiffness:.0e}", "speed [m/s]": f"{speed:g}"}
             for name, share in (("median", 0.5), ("95 %", 0.95)):
                 both = f"{kilo(rigid, share)}, {kilo(bends, share)}"
                 row |= {f"{name}: rigid, bends [kN]": both, f"{name}: change [%]": percent(rigid, bends, share)}
             rows.append(row)
             print("\n".join(table_lines(rows)[0 if len(rows) == 1 else -1 :]), flush=True)
-    assert np.median(forces(1000.0, CRANE)) < 0.7 * np.median(forces(1000.0, None))
+    assert np.median(forces(1000.0, "bends")) < 0.7 * np.median(forces(1000.0, "rigid"))
 
 
-RESTITUTIONS = (0.9, 0.8, 0.7, 0.6, 0.5, 0.4)
+RESTITUTIONS = (0.9, 0.8, 0.7, 0.6, 0.5)
 
 
 def equal_restitution(tails, wanted):
@@ -72,8 +73,8 @@ def equal_restitution(tails, wanted):
 
 @pytest.mark.parametrize("speed", SPEEDS)
 def test_restitution_of_a_rigid_rail_that_gives_the_same_force(speed):
-    rigid = [forces(speed, None, restitution=value) for value in RESTITUTIONS]
-    bends = forces(speed, CRANE)
+    rigid = [forces(speed, "rigid", restitution=value) for value in RESTITUTIONS]
+    bends = forces(speed, "bends")
     print(f"\n{speed:g} m/s: 95 % [kN] by restitution on a rigid rail, last on the rail that bends")
     print(", ".join(f"{value}: {kilo(of, 0.95)}" for value, of in zip(RESTITUTIONS, rigid, strict=True)))
     print(kilo(bends, 0.95))
@@ -94,9 +95,8 @@ def test_other_rails_and_steps():
         "ring of 128 m": (dataclasses.replace(CRANE, ring=128.0), {}),
         "four times the steps": (CRANE, dict(steps_per_period=4 * steps)),
         "bed of 1e9 N/m^2": (sj.Beam.crane_rail(bed=1e9), {}),
-        "rail of 104 lb/yd": (sj.Beam.crane_rail(104), {}),
     }
-    before = forces(speed, CRANE)
+    before = forces(speed, "bends")
     for name, (rail, options) in others.items():
         after = scene.peaks(on(rail), FEWER, **options)
         rows.append({"change": name, "median [%]": percent(before, after), "95 % [%]": percent(before, after, 0.95)})
