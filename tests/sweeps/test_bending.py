@@ -74,9 +74,9 @@ def test_runs_with_a_programme_and_their_environment():
     bends, rigid = of(BENDS), of(RIGID)
     assert np.all(bends.ds["rail_energy"] > 0)
     assert np.all(rigid.ds["rail_energy"] == 0)
-    report = sj.environment(bends, [(0.05, 0.0, 0.02)], low=200.0, high=2000.0).ds
-    assert np.all(np.isfinite(report["density"]))
-    assert not np.array_equal(bends.ds["peak_force"], rigid.ds["peak_force"])
+    shocks = [sj.environment(run, [(0.05, 0.0, 0.02)], low=200.0).ds["shock_response"] for run in (bends, rigid)]
+    assert np.all(np.isfinite(shocks))
+    assert not np.allclose(*shocks, rtol=0.01)
 
 
 @pytest.mark.full
