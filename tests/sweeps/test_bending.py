@@ -32,6 +32,7 @@ def test_refusals():
             call()
 
 
+@pytest.mark.full
 def test_rigid_rails_are_the_same_program():
     """A scene whose beam is taken away again has the states and the program of one that never had a beam."""
     off = dataclasses.replace(BENDS, beam=None)
