@@ -11,7 +11,7 @@ from ..flow.record import Labelled
 from ..model.kinematics import Motion
 from ..model.sensors import Rig
 from ..solvers.explicit import RK4
-from ..tools.checks import whole
+from ..tools.checks import require, whole
 from ..tools.columns import column
 from ..tools.limits import refuse_impossible
 from .course import SIZES, Course, Model, Windows
@@ -149,6 +149,7 @@ class Trajectories(AbstractFitMethod):
             whole("window", self.window, 1)
 
     def solver(self, scene):
+        require(scene.beam is None, "scene", "have rigid rails for a fit of trajectories", scene.beam)
         # fastest to compile and to differentiate; where its steps matter, their number will grow
         return RK4()
 

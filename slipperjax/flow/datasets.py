@@ -18,6 +18,7 @@ import lineax
 import numpy as np
 import optimistix
 
+from ..model.beam import RailState
 from ..model.dynamics import State
 from ..model.kinematics import ModalMotion, Motion, PayloadMotion
 from ..model.layout import coordinates
@@ -197,7 +198,7 @@ def start_of(ds: "xr.Dataset") -> Motion | State:
     motion = start.motion if isinstance(start, State) else start
     # varied values replace the start's numbers that all cases have in common
     motion = replace(motion, **of_motion(_case_of(ds, of_start=True)))
-    return State(motion, start.memory) if isinstance(start, State) else motion
+    return replace(start, motion=motion) if isinstance(start, State) else motion
 
 
 def named_parameters(attributes: Mapping[str, Any], units: ShownUnits = ShownUnits()) -> dict[str, str]:
@@ -248,7 +249,16 @@ def load_base(ds: "xr.Dataset") -> tuple[Scene, Motion | State]:
     motion = build(of_motion, (Motion, PayloadMotion, ModalMotion), "start")
     if of_motion is description:
         return scene, motion
-    return scene, State(motion, finite("start.memory", optional=True)(description.get("memory")))
+    memory = finite("start.memory", optional=True)(description.get("memory"))
+    return scene, State(motion, memory, _rails(description.get("rail")))
+
+
+def _rails(description: Mapping[str, Any] | None) -> RailState | None:
+    """Return the rails of a described state; None for rigid rails."""
+    if description is None:
+        return None
+    parts = {name: finite(f"start.rail.{name}")(description.get(name)) for name in ("deflection", "rate", "waves")}
+    return RailState(parts["deflection"], parts["rate"], tuple(parts["waves"]))
 
 
 def function_of(ds: "xr.Dataset") -> str:

@@ -104,7 +104,12 @@ def state_and_penetration(scene: Scene, start: Motion | State, epoch: Real = 0) 
     place = epoch + 0.0  # a number of any kind becomes one of 64 bits
     rail = None
     if scene.beam is not None:
-        rail = scene.beam.at_rest(*scene.nodes) if start.rail is None else start.rail
+        straight = scene.beam.at_rest(*scene.nodes)
+        rail = straight if start.rail is None else start.rail
+        given, needed = ([jnp.shape(leaf) for leaf in jax.tree.leaves(of)] for of in (rail, straight))
+        require(
+            given == needed, "start", f"have waves of the scene's beam, of shape {needed[-1]}", shown=f"{given[-1]}"
+        )
     frame = bent(rail_frame(scene, place), rail)
     rest = None
     if isinstance(motion, AtRest):

@@ -1,6 +1,7 @@
 """Pictures: trajectories, bifurcations, branches, exponents, regime maps, designs, sections, sleds,
 environments and animations."""
 
+from .bending import animate_bending as animate_bending, bending as bending
 from .branches import branches as branches, multiplier_circle as multiplier_circle, plane as plane
 from .comparisons import comparison as comparison
 from .designs import design_margins as design_margins, design_overview as design_overview

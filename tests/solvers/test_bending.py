@@ -66,6 +66,8 @@ def test_impact_against_volterra(stiffness, seconds):
     highest, rebound = by_volterra(stiffness, seconds, 2000)
     # two points at each end
     force = 2 * np.asarray(run.loads.peak_force).sum(axis=(0, 1)).max()
+    errors = force / highest - 1, float(run.end.motion.v_z) / rebound - 1
+    print("\nforce and rebound: errors of {:.1e} and {:.1e}".format(*errors))
     # 1e-4 to 3.4e-4 by the ring's damping
     assert force == pytest.approx(highest, rel=6e-4)
     assert float(run.end.motion.v_z) == pytest.approx(rebound, rel=6e-4)
@@ -92,6 +94,7 @@ def test_energy_of_an_impact(stiffness, seconds):
 
     held, loss = map(np.asarray, energies(run.state))
     lost = cumulative_simpson(loss, x=np.asarray(run.time), initial=0)
+    print(f"\nenergy: error of {np.abs(2 / SLIPPER * (held + lost) - 1).max():.1e}")
     # 3e-7
     np.testing.assert_allclose(held + lost, SLIPPER / 2, rtol=3e-6)
     # much goes into the rail, or all parts but the slipper's would not be tested

@@ -335,27 +335,20 @@ def test_estimates_of_what_is_not_computed():
     bending, bed = young * inertia, fastener / span
     between = row("stiffness of the rail between two supports", "192 E I / l^3", 192 * bending / span**3, "N/m")
     row("the same on a continuous bed k", "2 k (4 E I / k)^(1/4)", 2 * bed * (4 * bending / bed) ** 0.25, "N/m")
-    scene, force, lost = sj.paper_scene(1250.0), 3e4, {}
+    scene, force = sj.paper_scene(1250.0), 3e4
     for stiffness in (1e8, 5e10):
         of, depth = f"stiffness {stiffness:g}", (force / stiffness) ** (2 / 3)
         row(f"penetration at 100 kN, {of}", "(F / K)^(2/3)", 1e3 * (1e5 / stiffness) ** (2 / 3), "mm")
         row(f"penetration at 30 kN, {of}", "(F / K)^(2/3)", 1e3 * depth, "mm")
         tangent = row(f"tangent stiffness there, {of}", "3/2 K d^(1/2)", 1.5 * stiffness * depth**0.5, "N/m")
-        lost[stiffness] = 100 * ((1 + tangent / between) ** -0.5 - 1)
-        row(
-            f"peak of an impact on this rail over a rigid one, {of}",
-            "(1 + k / k_rail)^(-1/2) - 1",
-            lost[stiffness],
-            "%",
-        )
         row(
             f"typical impact, {of}",
             "`contact_duration`",
             1e3 * float(sj.model.contact_duration(scene.replace(stiffness=stiffness))),
             "ms",
         )
-    assert -2 < lost[1e8] < 0
-    assert -50 < lost[5e10] < -20
+    # the rail gives more than contacts of steel
+    assert tangent > between
     outrun = (4 * bed * bending / mass**2) ** 0.25
     row("speed at which a load outruns the rail's waves", "(4 k E I / m^2)^(1/4)", outrun, "m/s")
     assert 1000 < outrun < 2000
