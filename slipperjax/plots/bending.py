@@ -134,7 +134,7 @@ class _Rails:
         self.words = ax.text(0.01, 0.95, "", transform=ax.transAxes, va="top", fontsize=7)
         ax.set_xlim(-self.reach, self.reach)
         ax.set_xlabel(with_unit("distance ahead of the centre of mass", "m", brackets=True))
-        ax.set_ylabel(with_unit(DEFLECTION.long_name, DEFLECTION.display_unit, brackets=True))
+        ax.set_ylabel(with_unit("deflection", DEFLECTION.display_unit, brackets=True))
 
     def show(self, k: int) -> list[Artist]:
         """Draw the state with index `k`; return the artists that changed."""
