@@ -26,8 +26,6 @@ from .lyapunov import weighted_mean
 from .newton import AbstractEquations, Linearisation, NullVectors
 from .shooting import PeriodicMotions
 
-BIRTH = 0.02
-"""Weighted length from a Neimark-Sacker to the first curve."""
 TURNS = 1000
 """Iterations of the map along a curve for its Lyapunov exponents."""
 HALF = 0.5
@@ -188,7 +186,8 @@ def continue_torus(
     - `bounds`: of the parameter, or of both.
     - `points`: states on the curve at the start, made odd; they are doubled up to `most` where the error of the curve
         between them exceeds `accuracy` of its size.
-    - `tolerance`: greatest weighted residual; `pace`: of the steps; `count`: most curves in each direction.
+    - `tolerance`: greatest weighted residual; `pace`: of the steps, the first of which leads from the
+        Neimark-Sacker to the first curve; `count`: most curves in each direction.
 
     **Returns:** `Tori`. They end with "bound", "count", "Neimark-Sacker" where the curve shrinks to a point,
     "resolution" where `most` states are too few, as where a torus breaks down, "locked p:q" or "no convergence".
@@ -203,11 +202,13 @@ def continue_torus(
     need = f"be one pair for each of {np.size(motions.reach)} parameters"
     require(len(limits) == np.size(motions.reach) <= 2, "bounds", need, bounds)
     points = whole("points", points, 5) // 2 * 2 + 1
-    first = _born(motions, start, points) if isinstance(start, Event) else _fitted(motions, start, points)
+    born = isinstance(start, Event)
+    first = _born(motions, start, points, pace.first) if born else _fitted(motions, start, points)
     check_found("start", "a torus", _on_plane(*first, tolerance), tolerance)
     search = _Search(limits, accuracy, tolerance, pace, whole("most", most, points), whole("count", count, 1))
     found = search.resolved(*first)
     require(found, "most", "be enough states for the accuracy at the start", most)
+    assert found is not None
     equations, node = found
     parts = [search.followed(equations, node._replace(tangent=way * node.tangent)) for way in (-1, 1)]
     (before, back, low), (after, ahead, high) = parts
@@ -215,7 +216,9 @@ def continue_torus(
     return Tori(equations, nodes, (*reversed(low), *high), (back, ahead))
 
 
-def _born(motions: PeriodicMotions, event: Event, points: int) -> tuple[InvariantCurves, np.ndarray, np.ndarray]:
+def _born(
+    motions: PeriodicMotions, event: Event, points: int, length: float
+) -> tuple[InvariantCurves, np.ndarray, np.ndarray]:
     """Return equations, guess and direction across its plane for the curve that begins at a Neimark-Sacker."""
     require(event.label == "NS", "start", "be a Neimark-Sacker (NS) or states of a torus", event.label)
     require(np.size(motions.reach) == 1, "motions", "have one parameter at a Neimark-Sacker", np.size(motions.reach))
@@ -230,7 +233,7 @@ def _born(motions: PeriodicMotions, event: Event, points: int) -> tuple[Invarian
     way = np.append(ring.ravel(), [0.0, 0.0])
     weights = np.asarray(equations.weights(jnp.asarray(z))[1])
     way = way / np.linalg.norm(weights * way)
-    return equations, z + BIRTH * way, way
+    return equations, z + length * way, way
 
 
 def _fitted(motions: PeriodicMotions, start: tuple, points: int) -> tuple[InvariantCurves, np.ndarray, np.ndarray]:
