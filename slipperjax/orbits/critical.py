@@ -385,7 +385,9 @@ def _with_errors(event: Event, curve: Branch, motions: PeriodicMotions, call: di
     if event.label not in POINTS:
         return event
     steps = call["steps_per_period"]
-    _, errors = with_step_error(lambda steps: _place_of(event, curve, steps, call["tolerance"]), steps)
+    place, errors = with_step_error(lambda steps: _place_of(event, curve, steps, call["tolerance"]), steps)
+    # the point itself has the steps of the curve
+    errors = errors + np.abs(place - event.values)
     stderr = dict(zip(curve.names, errors.tolist(), strict=True))
     coefficients = event.coefficients
     if coefficients:
