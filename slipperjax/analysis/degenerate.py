@@ -108,8 +108,8 @@ TESTS: dict[str, dict[str, Test]] = {
     },
 }
 """Test functions of the points on each kind of curve."""
-OWN = {"CP": "LP", "GPD": "PD", "CH": "NS"}
-"""Points where a coefficient of the curve's own normal form vanishes, with the curve."""
+OWN = "CP", "GPD", "CH"
+"""Points where a coefficient of the curve's own normal form vanishes."""
 
 
 class PointSearch(EventSearch):
@@ -125,7 +125,7 @@ class PointSearch(EventSearch):
         motions = equations.motions  # type: ignore[attr-defined]
         found = []
         for name, test in TESTS[equations.label].items():  # type: ignore[attr-defined]
-            if name in OWN and FORMS[OWN[name]].order > motions.derivatives:
+            if name in OWN and FORMS[name].order > motions.derivatives:
                 continue
             value = lambda node, test=test: test(motions, node)
             if value(a) * value(b) < 0 and (event := search.point(name, value, a, b)) is not None:
