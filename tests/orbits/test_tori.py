@@ -1,5 +1,6 @@
-"""Tori of slippers beside long simulations."""
+"""The torus of a slipper beside a long simulation."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -31,28 +32,17 @@ def beside_a_simulation(tori, k):
     return tori.rotation[k], analysis.rotation_number(motion), sizes
 
 
-def born(branch, bounds, **options):
-    (birth,) = [event for event in branch.branch.events if event.label == "NS"]
-    return birth.value, analysis.continue_torus(branch.branch.equations, birth, bounds, tolerance=1e-9, **options)
-
-
-def test_torus_over_length():
-    branch = sj.continue_orbit(sj.paper_scene(speed=1250.0, length=0.147), "length", (0.145, 0.147))
-    _, tori = born(branch, (0.1445, 0.147), points=15, most=31, accuracy=1e-5, count=3)
-    rotation, found, _ = beside_a_simulation(tori, 0)
-    # measured 3.2e-8
-    np.testing.assert_allclose(found, rotation, rtol=0, atol=1e-6)
-
-
 def test_torus_over_play():
     """With 200 steps the curve is not resolved: touchdowns pass from step to step along it."""
-    scene = sj.paper_scene(speed=1250.0, clearance=3.19e-3)
-    branch = sj.continue_orbit(scene, "clearance", (3.18e-3, 3.2e-3), steps_per_period=800)
-    options = dict(points=31, most=31, accuracy=3e-6, count=1, pace=Pace(first=0.006))
-    place, tori = born(branch, (3.19e-3, 3.2e-3), **options)
-    # period 1 is unstable there, and the torus attracts
-    assert tori.values[-1] > place
-    rotation, found, (begin, end) = beside_a_simulation(tori, -1)
+    branch = sj.continue_orbit(sj.paper_scene(speed=1250.0, clearance=3.1e-3), "clearance", (3.05e-3, 3.3e-3))
+    (birth,) = [event for event in branch.branch.events if event.label == "NS"]
+    motions = eqx.tree_at(lambda m: m.family.stepping.steps, branch.branch.equations, jnp.asarray(800.0))
+    options = dict(points=31, most=31, accuracy=3e-6, tolerance=1e-9, count=1, pace=Pace(first=0.006))
+    tori = analysis.continue_torus(motions, birth, (3.19e-3, 3.2e-3), **options)
+    # period 1 is unstable above 3.19627 mm, and the torus attracts
+    k = int(np.argmin(np.abs(tori.values - 3.1966456e-3)))
+    assert tori.values[k] > 3.1963e-3
+    rotation, found, (begin, end) = beside_a_simulation(tori, k)
     # measured 1.2e-7
     np.testing.assert_allclose(found, rotation, rtol=0, atol=1e-5)
     # measured 1e-3
