@@ -88,12 +88,13 @@ class Branch:
 
 
 def parameter_places(equations: AbstractEquations, unknowns: int) -> dict[str, int]:
-    """Return the place of each parameter among the unknowns, by its name as an argument of the family of motions."""
+    """Return the place of each parameter among the unknowns, by its name: of the `names` of the family of motions, or
+    of its arguments."""
     motions = getattr(equations, "motions", equations)
     if not isinstance(motions, PeriodicMotions):
         return {"parameter": unknowns - 1}
     count = int(np.size(motions.reach))
-    names = [f"parameter {k + 1}" for k in range(count)]
+    names = getattr(motions.family, "names", [f"parameter {k + 1}" for k in range(count)])
     with contextlib.suppress(ValueError, TypeError):
         given = inspect.signature(motions.family).parameters.values()
         own = [one.name for one in given if one.kind in (one.POSITIONAL_ONLY, one.POSITIONAL_OR_KEYWORD)]

@@ -13,7 +13,7 @@ import numpy as np
 from .arclength import Node, correct
 from .continuation import parameter_places
 from .events import BRACKET, Event, EventSearch, observed
-from .normal_forms import CRITICAL, FORMS, NormalForm, Number, normal_form
+from .normal_forms import FORMS, NormalForm, Number, normal_form
 from .shooting import PeriodicMotions
 
 POINTS = {
@@ -50,7 +50,7 @@ def others(label: str, node: Node) -> np.ndarray:
 
 def critical(label: str, node: Node) -> Sequence[Number]:
     """Return the critical multipliers of a curve at a point, with the conjugate of a complex one."""
-    (mu,) = CRITICAL[label]
+    (mu,) = FORMS[label].critical
     return [complex(np.exp(sign * 1j * node.z[-1])) for sign in (1, -1)] if mu is None else [mu]
 
 
@@ -80,7 +80,7 @@ def _own(label: str) -> Test:
 
     def test(motions: PeriodicMotions, node: Node) -> float:
         form = NormalForm(motions, node.z, np.asarray(node.matrices), critical(label, node)[:1])
-        number, *_ = FORMS[label][1](form).values()
+        number, *_ = FORMS[label].coefficients(form).values()
         if label == "NS":
             return float(number.real)
         # the null vectors are continuous along the curve, and their product removes the pole at a double multiplier
@@ -91,7 +91,7 @@ def _own(label: str) -> Test:
 
 
 def _angle(label: str) -> Test:
-    (mu,) = CRITICAL[label]
+    (mu,) = FORMS[label].critical
     return lambda motions, node: float(node.z[-1] - np.angle(mu))  # type: ignore[arg-type]
 
 
@@ -108,8 +108,8 @@ TESTS: dict[str, dict[str, Test]] = {
     },
 }
 """Test functions of the points on each kind of curve."""
-OWN = {"CP": "LP", "GPD": "PD", "CH": "NS"}
-"""Points where a coefficient of the curve's own normal form vanishes, with the curve."""
+OWN = "CP", "GPD", "CH"
+"""Points where a coefficient of the curve's own normal form vanishes."""
 
 
 class PointSearch(EventSearch):
@@ -125,7 +125,7 @@ class PointSearch(EventSearch):
         motions = equations.motions  # type: ignore[attr-defined]
         found = []
         for name, test in TESTS[equations.label].items():  # type: ignore[attr-defined]
-            if name in OWN and FORMS[OWN[name]][0] > motions.derivatives:
+            if name in OWN and FORMS[name].order > motions.derivatives:
                 continue
             value = lambda node, test=test: test(motions, node)
             if value(a) * value(b) < 0 and (event := search.point(name, value, a, b)) is not None:
@@ -141,7 +141,7 @@ class PointSearch(EventSearch):
             return None
         if name.endswith("NS"):
             rest = nearest.multipliers[nearest.multipliers.imag > 0]
-            count = CRITICAL[name].count(None)
+            count = FORMS[name].critical.count(None)
             if np.sum(np.abs(np.abs(rest) - 1) < ON_CIRCLE) < count:
                 return None
         return described(self.equations, name, nearest, width <= 4 * BRACKET, low, high)
@@ -154,8 +154,8 @@ def described(equations, name: str, node: Node, converged: bool, *around: Node) 
     motions = equations.motions
     note = ""
     coefficients = {}
-    if FORMS[name][0] > motions.derivatives:
-        note = f"no coefficients: they need {FORMS[name][0]} derivatives, but the map has {motions.derivatives}"
+    if FORMS[name].order > motions.derivatives:
+        note = f"no coefficients: they need {FORMS[name].order} derivatives, but the map has {motions.derivatives}"
     else:
         coefficients = normal_form(motions, motions.state(node.z), motions.values(node.z), name)
     mu = complex(equations.multiplier(node.z))

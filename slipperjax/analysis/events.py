@@ -62,7 +62,8 @@ class Event(NamedTuple):
     coefficients: Mapping[str, complex | float] = {}
     """Coefficients of the normal form, by the names of the field; empty where they are not computed."""
     stderr: Mapping[str, float] = {}
-    """Errors of the coefficients by the steps of an integration; empty for maps."""
+    """Errors by the steps of an integration: of the values, by the parameters' names, and of the coefficients; empty
+    for maps."""
 
     @property
     def values(self) -> tuple[float, ...]:

@@ -15,6 +15,7 @@ import itertools
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from math import factorial, prod
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -31,23 +32,8 @@ from .shooting import PeriodicMotions
 
 Number = complex | float
 
-CRITICAL: dict[str, tuple[Number | None, ...]] = {
-    "LP": (1.0,),
-    "PD": (-1.0,),
-    "NS": (None,),
-    "CP": (1.0,),
-    "GPD": (-1.0,),
-    "CH": (None,),
-    "R1": (1.0,),
-    "R2": (-1.0,),
-    "R3": (np.exp(2j * np.pi / 3),),
-    "R4": (1j,),
-    "LPPD": (1.0, -1.0),
-    "LPNS": (1.0, None),
-    "PDNS": (-1.0, None),
-    "NSNS": (None, None),
-}
-"""Critical multipliers by label; None for a complex pair whose angle is unknown."""
+TINY = 1e-300
+"""Least length by which a direction is divided."""
 RESONANT = 1e-6
 """Greatest difference of a multiplier from a product of multipliers to which it is equal."""
 
@@ -94,11 +80,14 @@ class NormalForm:
         """Return the derivative of the map along some directions, in weighted components."""
         # a complex direction is a sum of two real ones
         choices = np.array(list(itertools.product(*(range(1 + np.iscomplexobj(one)) for one in directions))))
-        parts = np.array([(np.real(one), np.imag(one)) for one in directions]) / self.scale
+        parts = np.array([(np.real(one), np.imag(one)) for one in directions])
         real = parts[np.arange(len(directions)), choices]
-        along = jax.device_get(call_compiled(_derivatives, self.motions, (), jnp.asarray(self.z), jnp.asarray(real)))
+        # of length one, because differences have a width
+        lengths = np.maximum(np.linalg.norm(real, axis=-1, keepdims=True), TINY)
+        units = jnp.asarray(real / lengths / self.scale)
+        along = jax.device_get(call_compiled(_derivatives, self.motions, (), jnp.asarray(self.z), units))
         factors = 1j ** choices.sum(axis=1) if choices.any() else np.ones(1)
-        return self.scale * (factors @ along)
+        return self.scale * ((factors * lengths.prod(axis=(1, 2))) @ along)
 
     def solved(self, factor: Number, rhs: np.ndarray, right: Sequence, left: Sequence) -> np.ndarray:
         """Return h of (P_x - factor) h = rhs, and one number for each of the vectors `right`, which complete the
@@ -166,11 +155,14 @@ def _derivatives(motions: PeriodicMotions, static: tuple, z: Array, directions: 
     """Return derivatives of the map along each of several lists of directions (cases, order, size)."""
     # not as one kernel, because XLA fails to link some kernels of fifth derivatives
     flow = motions.flow(z)
+    higher = _slope if motions.width is None else _difference(motions.width)
 
     def along(directions: Array) -> Array:
         function = lambda x: ravel_pytree(flow(motions.state(x)))[0]
-        for direction in directions:
-            function = _slope(function, direction)
+        first, *others = directions
+        function = _slope(function, first)
+        for direction in others:
+            function = higher(function, direction)
         return function(z[: motions.size])
 
     return jax.vmap(along)(directions)
@@ -179,6 +171,11 @@ def _derivatives(motions: PeriodicMotions, static: tuple, z: Array, directions: 
 def _slope(function: Callable[[Array], Array], direction: Array) -> Callable[[Array], Array]:
     """Return the derivative of a function along a direction."""
     return lambda x: jax.jvp(function, (x,), (direction,))[1]
+
+
+def _difference(width: Real) -> Callable[[Callable[[Array], Array], Array], Callable[[Array], Array]]:
+    """Return the function that returns central differences of a function along a direction."""
+    return lambda function, way: lambda x: (function(x + width * way) - function(x - width * way)) / (2 * width)
 
 
 def _partitions(slots: Slots) -> Iterator[tuple[Slots, ...]]:
@@ -263,23 +260,33 @@ def _two(f: NormalForm) -> Coefficients:
     return {name: float(f.turned(j, *square(k)).real) for name, (j, k) in pairs.items()}
 
 
-FORMS: dict[str, tuple[int, Callable[[NormalForm], Coefficients]]] = {
-    "LP": (2, lambda f: {"a": f(0, 0, 0)}),
-    "PD": (3, lambda f: {"b": f(0, 0, 0, 0)}),
-    "NS": (3, _neimark_sacker),
-    "CP": (3, lambda f: {"c": f(0, 0, 0, 0)}),
-    "GPD": (5, lambda f: {"e": f(0, 0, 0, 0, 0, 0)}),
-    "CH": (5, _chenciner),
-    "R1": (2, _resonance_1),
-    "R2": (3, _resonance_2),
-    "R3": (3, _resonance_3),
-    "R4": (3, _resonance_4),
-    "LPPD": (3, _fold_flip),
-    "LPNS": (3, _fold_neimark_sacker),
-    "PDNS": (3, _two),
-    "NSNS": (3, _two),
+class Form(NamedTuple):
+    """Normal form of one kind of bifurcation."""
+
+    critical: tuple[Number | None, ...]
+    """Critical multipliers; None for a complex pair whose angle is unknown."""
+    order: int
+    """Order of the highest derivatives of the map that the coefficients need."""
+    coefficients: Callable[[NormalForm], Coefficients]
+
+
+FORMS = {
+    "LP": Form((1.0,), 2, lambda f: {"a": f(0, 0, 0)}),
+    "PD": Form((-1.0,), 3, lambda f: {"b": f(0, 0, 0, 0)}),
+    "NS": Form((None,), 3, _neimark_sacker),
+    "CP": Form((1.0,), 3, lambda f: {"c": f(0, 0, 0, 0)}),
+    "GPD": Form((-1.0,), 5, lambda f: {"e": f(0, 0, 0, 0, 0, 0)}),
+    "CH": Form((None,), 5, _chenciner),
+    "R1": Form((1.0,), 2, _resonance_1),
+    "R2": Form((-1.0,), 3, _resonance_2),
+    "R3": Form((np.exp(2j * np.pi / 3),), 3, _resonance_3),
+    "R4": Form((1j,), 3, _resonance_4),
+    "LPPD": Form((1.0, -1.0), 3, _fold_flip),
+    "LPNS": Form((1.0, None), 3, _fold_neimark_sacker),
+    "PDNS": Form((-1.0, None), 3, _two),
+    "NSNS": Form((None, None), 3, _two),
 }
-"""Highest derivatives of the map that a normal form needs, and its coefficients, by label."""
+"""Normal forms by label."""
 
 
 def form_at(motions: PeriodicMotions, z: np.ndarray, label: str) -> NormalForm:
@@ -289,7 +296,7 @@ def form_at(motions: PeriodicMotions, z: np.ndarray, label: str) -> NormalForm:
     upper = sorted(mu[mu.imag > 0], key=lambda one: abs(abs(one) - 1))
     # exactly on the circle
     pairs = iter([one / abs(one) for one in upper])
-    return NormalForm(motions, z, matrices, [next(pairs) if one is None else one for one in CRITICAL[label]])
+    return NormalForm(motions, z, matrices, [next(pairs) if one is None else one for one in FORMS[label].critical])
 
 
 def normal_form(
@@ -320,7 +327,7 @@ def normal_form(
     """
     instance("motions", motions, PeriodicMotions, "slipperjax.analysis.PeriodicMotions")
     one_of("label", label, tuple(FORMS))
-    order, coefficients = FORMS[label]
+    _, order, coefficients = FORMS[label]
     if order > motions.derivatives:
         raise ValueError(f"Argument `label` must need at most {reason(motions)}, but {label} needs order {order}.")
     z = np.asarray(motions.unknowns(state, *np.ravel(np.asarray(value, float))))

@@ -160,7 +160,10 @@ class PeriodicMotions(AbstractEquations):
     lengths: Real = 1.0
     """Divisors of the state's weights in lengths along a curve; infinite for components that do not count."""
     derivatives: int = eqx.field(static=True, default=5)
-    """Order of the highest derivatives of the map that exist and are needed; at most five are."""
+    """Order of the highest derivatives of the map that can be computed and are needed; at most five are."""
+    width: Real | None = None
+    """Half the width, in weighted components, of differences of first derivatives, for higher derivatives of a map
+    that is smooth, but computed by rough steps; None: derivatives of the steps."""
 
     @property
     def size(self) -> int:

@@ -26,8 +26,6 @@ from .lyapunov import weighted_mean
 from .newton import AbstractEquations, Linearisation, NullVectors
 from .shooting import PeriodicMotions
 
-BIRTH = 0.02
-"""Weighted length from a Neimark-Sacker to the first curve."""
 TURNS = 1000
 """Iterations of the map along a curve for its Lyapunov exponents."""
 HALF = 0.5
@@ -36,6 +34,10 @@ LOCKING = 12
 """Greatest period of a motion on which a torus is sought to be locked."""
 AHEAD = 0.02
 """Greatest distance of a fraction from a rotation number near which the rotation may lock on to it."""
+STARTS = 8
+"""States of a curve from which a motion that recurs is sought; it lies within this part of the curve's extent."""
+BEYOND = 0.1, 0.3, 1.0, 3.0
+"""Distances behind a locked interval at which the torus is sought, as shares of its width."""
 
 
 class InvariantCurves(AbstractEquations):
@@ -184,7 +186,8 @@ def continue_torus(
     - `bounds`: of the parameter, or of both.
     - `points`: states on the curve at the start, made odd; they are doubled up to `most` where the error of the curve
         between them exceeds `accuracy` of its size.
-    - `tolerance`: greatest weighted residual; `pace`: of the steps; `count`: most curves in each direction.
+    - `tolerance`: greatest weighted residual; `pace`: of the steps, the first of which leads from the
+        Neimark-Sacker to the first curve; `count`: most curves in each direction.
 
     **Returns:** `Tori`. They end with "bound", "count", "Neimark-Sacker" where the curve shrinks to a point,
     "resolution" where `most` states are too few, as where a torus breaks down, "locked p:q" or "no convergence".
@@ -199,20 +202,24 @@ def continue_torus(
     need = f"be one pair for each of {np.size(motions.reach)} parameters"
     require(len(limits) == np.size(motions.reach) <= 2, "bounds", need, bounds)
     points = whole("points", points, 5) // 2 * 2 + 1
-    first = _born(motions, start, points) if isinstance(start, Event) else _fitted(motions, start, points)
-    equations, z, row = first
-    node = correct(equations, z, row, tolerance=tolerance, iterations=20)
-    check_found("start", "a torus", node, tolerance)
+    born = isinstance(start, Event)
+    first = _born(motions, start, points, pace.first) if born else _fitted(motions, start, points)
+    check_found("start", "a torus", _on_plane(*first, tolerance), tolerance)
     search = _Search(limits, accuracy, tolerance, pace, whole("most", most, points), whole("count", count, 1))
-    node = _observed(equations, node)
+    found = search.resolved(*first)
+    require(found, "most", "be enough states for the accuracy at the start", most)
+    assert found is not None
+    equations, node = found
     parts = [search.followed(equations, node._replace(tangent=way * node.tangent)) for way in (-1, 1)]
     (before, back, low), (after, ahead, high) = parts
     nodes = (*reversed(before), node, *after)
     return Tori(equations, nodes, (*reversed(low), *high), (back, ahead))
 
 
-def _born(motions: PeriodicMotions, event: Event, points: int) -> tuple[InvariantCurves, np.ndarray, np.ndarray]:
-    """Return equations, a guess and the row of its plane for the curve that branches off at a Neimark-Sacker."""
+def _born(
+    motions: PeriodicMotions, event: Event, points: int, length: float
+) -> tuple[InvariantCurves, np.ndarray, np.ndarray]:
+    """Return equations, guess and direction across its plane for the curve that begins at a Neimark-Sacker."""
     require(event.label == "NS", "start", "be a Neimark-Sacker (NS) or states of a torus", event.label)
     require(np.size(motions.reach) == 1, "motions", "have one parameter at a Neimark-Sacker", np.size(motions.reach))
     values, vectors = np.linalg.eig(product(np.asarray(event.node.matrices)))
@@ -226,11 +233,11 @@ def _born(motions: PeriodicMotions, event: Event, points: int) -> tuple[Invarian
     way = np.append(ring.ravel(), [0.0, 0.0])
     weights = np.asarray(equations.weights(jnp.asarray(z))[1])
     way = way / np.linalg.norm(weights * way)
-    return equations, z + BIRTH * way, weights**2 * way
+    return equations, z + length * way, way
 
 
 def _fitted(motions: PeriodicMotions, start: tuple, points: int) -> tuple[InvariantCurves, np.ndarray, np.ndarray]:
-    """Return equations, a guess and the row of its plane for the curve on which states lie."""
+    """Return equations, guess and direction across its plane for the curve on which states lie."""
     states, *values = start
     states = numbers("start", states, 2)
     need = f"begin with {3 * points} states or more of {motions.size} numbers"
@@ -297,16 +304,25 @@ class _Search:
     count: int
 
     def walk(self, equations: InvariantCurves, last: Node, step: float) -> Walk:
-        low, high = np.full((2, len(last.z)), np.inf)
-        low = -low
-        for k, pair in enumerate(self.limits):
-            low[equations.reference.size + k], high[equations.reference.size + k] = pair
-        near = equations.update(last.z, None)
-        return Walk(near, last, low, high, self.pace, self.tolerance, step)
+        low, high = (np.full(len(last.z), side * np.inf) for side in (-1, 1))
+        own = equations.reference.size
+        bounded = slice(own, own + len(self.limits))
+        low[bounded], high[bounded] = np.transpose(self.limits)
+        return Walk(equations.update(last.z, None), last, low, high, self.pace, self.tolerance, step)
 
-    def exact(self, equations: InvariantCurves, node: Node) -> bool:
-        error, size = call_compiled(_error, equations, (), jnp.asarray(node.z))
-        return bool(error <= self.accuracy * size)
+    def resolved(self, equations: InvariantCurves, z: Numbers, way: Numbers) -> tuple[InvariantCurves, Node] | None:
+        """Return equations and node on the plane through `z` across `way`, with as many states as the accuracy needs;
+        None where `most` are too few, or without convergence."""
+        while len(equations.reference) <= self.most:
+            node = _on_plane(equations, z, way, self.tolerance)
+            if not node.residual <= self.tolerance:
+                break
+            error, size = call_compiled(_error, equations, (), jnp.asarray(node.z))
+            if error <= self.accuracy * size:
+                return equations, _observed(equations, node)
+            z, way = (_resampled(equations, a) for a in (node.z, way))
+            equations = _sized(equations, z)
+        return None
 
     def followed(self, equations: InvariantCurves, last: Node) -> tuple[list[Node], End, list[Event]]:
         """Return the nodes and events beyond a node along its tangent, and why they end."""
@@ -316,103 +332,89 @@ class _Search:
         reason = ""
         while not reason:
             walk = self.walk(equations, last, step)
-            for node in walk:
-                if _collapsed(equations, last, node):
-                    reason = "Neimark-Sacker"
-                    break
-                if not self.exact(equations, node):
-                    # twice as many states from the last node on
-                    finer = self.finer(equations, last)
-                    reason = "" if finer else "resolution"
-                    equations, last = finer or (equations, last)
-                    break
-                last = _observed(equations, node)
-                nodes.append(last)
-                if len(nodes) == self.count:
-                    reason = "count"
-                    break
+            point = next(iter(walk), None)
             step = walk.step
-            lost = reason == "resolution" or walk.ended == "no convergence"
-            if lost and (lock := self.locked(equations, last)) is not None:
-                reason, event, beyond = lock
-                events.append(event)
-                if beyond is not None:
-                    reason, step, last = "", self.pace.first, beyond
-                    nodes.append(last)
-            elif walk.ended and not reason:
-                reason = walk.ended
+            if point is not None and _collapsed(equations, last, point):
+                reason = "Neimark-Sacker"
+                break
+            reason = walk.ended
+            found = None
+            if point is not None:
+                # a point on a bound stays there
+                edges = (point.z == walk.low) | (point.z == walk.high)
+                found = self.resolved(equations, point.z, edges if np.any(edges) else point.tangent)
+            if found is None and reason != "bound":
+                reason = reason or "resolution"
+                if (event := self.locked(equations, last)) is not None:
+                    events.append(event)
+                    reason = event.note
+                    if (found := self.beyond(equations, last, event)) is not None:
+                        reason = ""
+                        step = self.pace.first
+            if found is not None:
+                equations, last = found
+                nodes.append(last)
+                reason = reason or "count" * (len(nodes) >= self.count)
         return nodes, End(reason, step), events
 
-    def finer(self, equations: InvariantCurves, node: Node) -> tuple[InvariantCurves, Node] | None:
-        """Return equations and node with twice as many states, if allowed."""
-        states = np.asarray(equations.states(node.z))
-        count = 2 * len(states) + 1
-        if count > self.most:
-            return None
-        resample = lambda a: np.fft.irfft(np.fft.rfft(a, axis=0), count, axis=0) * count / len(states)
-        own = states.size
-        z, tangent = (np.append(resample(a[:own].reshape(states.shape)), a[own:]) for a in (node.z, node.tangent))
-        finer = _sized(equations, z)
-        weights = np.asarray(finer.weights(jnp.asarray(z))[1])
-        new = correct(finer, z, weights**2 * tangent, tolerance=self.tolerance)
-        return (finer, new) if new.residual <= self.tolerance else None
-
-    def locked(self, equations: InvariantCurves, last: Node) -> tuple[str, Event, Node | None] | None:
-        """Return the text and the event of a locked rotation beyond a node, and the first node beyond it; or None."""
+    def locked(self, equations: InvariantCurves, last: Node) -> Event | None:
+        """Return the interval of the parameter beyond a node in which the rotation is locked, if it is."""
         if isinstance(equations, TurningCurves):
             return None
-        motions = equations.motions
-        own = equations.reference.size
-        turn, (way, slope) = float(last.z[-1]), last.tangent[own:]
+        value, turn = last.z[-2:]
+        way, slope = last.tangent[-2:]
         # the simplest fraction close ahead, and where the rotation number would reach it without locking
-        shares = {Fraction(round(turn * n), n) for n in range(1, LOCKING + 1)}
-        ahead = [share for share in shares if 0 <= (float(share) - turn) * np.sign(slope) < AHEAD]
-        if not ahead:
+        shares = (Fraction(round(turn * n), n) for n in range(1, LOCKING + 1))
+        share = next((share for share in shares if 0 <= (share - turn) * np.sign(slope) < AHEAD), None)
+        if share is None:
             return None
-        share = min(ahead, key=lambda share: share.denominator)
-        value = last.z[own] + (float(share) - turn) * way / slope
+        there = value + (share - turn) * way / slope
+        motions = equations.motions
         periodic = dataclasses.replace(motions, intervals=motions.intervals * share.denominator)
-        plateau = self._plateau(periodic, equations, last, value)
-        if plateau is None:
-            return None
-        note = f"locked {share.numerator}:{share.denominator}"
-        low, high = plateau
-        event = Event("LK", last, low, high, True, note=note, places=(own,))
-        beyond = self._beyond(equations, last, *((high, high - low) if way > 0 else (low, low - high)))
-        return note, event, beyond
-
-    def _plateau(
-        self, periodic: PeriodicMotions, equations: InvariantCurves, last: Node, value: float
-    ) -> tuple[float, float] | None:
-        """Return the range of the parameter in which a motion near the curve recurs, if it does so at a value."""
-        if not self.limits[0][0] <= value <= self.limits[0][1]:
-            return None
         states = np.asarray(equations.states(last.z))
-        size = np.max(np.abs(states - states.mean(axis=0)))
-        for state in states[:: max(len(states) // 8, 1)]:
-            begin = jnp.asarray(state)
-            node = correct(
-                periodic, np.append(begin, value), np.eye(begin.size + 1)[-1], tolerance=1e-10, iterations=30
-            )
-            if not node.residual <= 1e-10 or np.min(np.max(np.abs(states - node.z[:-1]), axis=1)) > size / 4:
-                continue
-            values = continue_motion(periodic, (node.z[:-1], value), self.limits[0], points=100).values
-            return float(values.min()), float(values.max())
+        for state in states[:: max(len(states) // STARTS, 1)]:
+            guess = np.append(state, there)
+            node = correct(periodic, guess, np.eye(guess.size)[-1], tolerance=self.tolerance, iterations=30)
+            # on the curve, not inside
+            near = np.abs(states - node.z[:-1]) <= np.ptp(states, axis=0) / STARTS
+            (low, high) = self.limits[0]
+            if node.residual <= self.tolerance and np.any(np.all(near, axis=1)) and low <= there <= high:
+                recurring = continue_motion(periodic, (node.z[:-1], there), self.limits[0], points=100).values
+                low, high = float(recurring.min()), float(recurring.max())
+                # a motion that also recurs where the torus is does not lock it
+                if not low <= value <= high:
+                    note = f"locked {share.numerator}:{share.denominator}"
+                    return Event("LK", last, low, high, True, note=note, places=(len(last.z) - 2,))
         return None
 
-    def _beyond(self, equations: InvariantCurves, last: Node, edge: float, width: float) -> Node | None:
-        """Return the first node beyond a locked interval."""
-        own = equations.reference.size
-        row = np.eye(len(last.z))[own] * np.sign(width)
-        for share in (0.1, 0.3, 1.0, 3.0):
+    def beyond(self, equations: InvariantCurves, last: Node, lock: Event) -> tuple[InvariantCurves, Node] | None:
+        """Return equations and first node beyond a locked interval."""
+        (place,) = lock.places
+        way = np.sign(last.tangent[place])
+        edge = lock.high if way > 0 else lock.low
+        for share in BEYOND:
             z = np.array(last.z)
-            z[own] = edge + share * width
-            if not self.limits[0][0] < z[own] < self.limits[0][1]:
-                continue
-            node = correct(equations, z, row, tolerance=self.tolerance, iterations=20)
-            if node.residual <= self.tolerance and self.exact(equations, node):
-                return _observed(equations, node)
+            z[place] = edge + share * way * (lock.high - lock.low)
+            low, high = self.limits[0]
+            if low < z[place] < high:
+                found = self.resolved(equations, z, way * np.eye(len(z))[place])
+                if found is not None:
+                    return found
         return None
+
+
+def _on_plane(equations: InvariantCurves, z: Numbers, way: Numbers, tolerance: float) -> Node:
+    """Return the node on the plane through `z` across `way`."""
+    weights = np.asarray(equations.weights(jnp.asarray(z))[1])
+    return correct(equations, z, weights**2 * way, tolerance=tolerance, iterations=20)
+
+
+def _resampled(equations: InvariantCurves, unknowns: Numbers) -> np.ndarray:
+    """Return unknowns with twice as many states on the curve."""
+    states = np.asarray(equations.states(unknowns))
+    count = 2 * len(states) + 1
+    waves = np.fft.rfft(states, axis=0) * count / len(states)
+    return np.append(np.fft.irfft(waves, count, axis=0), unknowns[states.size :])
 
 
 def _collapsed(equations: InvariantCurves, last: Node, node: Node) -> bool:

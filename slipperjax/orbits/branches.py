@@ -394,7 +394,11 @@ def curve_columns(curve: Branch, unit: str) -> dict[str, tuple]:
         )
         texts.append(json.dumps({name: [float(part) for part in parts(name)] for name in event.coefficients}))
     text = "coefficients of the normal form: real part, imaginary part and error, by name"
-    return event_columns(curve, unit) | {"event_coefficients": column("event", texts, "1", text)}
+    errors = [json.dumps(dict(event.stderr)) for event in curve.events]
+    return event_columns(curve, unit) | {
+        "event_coefficients": column("event", texts, "1", text),
+        "event_stderr": column("event", errors, "1", "errors by the steps: of both parameters and the coefficients"),
+    }
 
 
 def _note(event: Event, names: Sequence[str]) -> str:

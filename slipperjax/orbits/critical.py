@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Array
 
 from ..analysis.arclength import Pace, check_within
+from ..analysis.continuation import Branch
 from ..analysis.critical import (
     CRITICAL_MULTIPLIERS,
     ConditionedMotions,
@@ -20,8 +21,10 @@ from ..analysis.critical import (
     CriticalMotions,
     continue_critical,
     critical_motion,
+    located,
 )
-from ..analysis.events import Event
+from ..analysis.degenerate import POINTS, PointSearch
+from ..analysis.events import Event, observed
 from ..analysis.normal_forms import normal_form
 from ..analysis.shooting import PeriodicMotions
 from ..analysis.step_error import with_step_error
@@ -47,13 +50,23 @@ from .branches import (
     finished,
     orbits_dataset,
 )
-from .motions import ScenePath, slipper_motions
+from .motions import WIDTH, ScenePath, slipper_motions
 from .periodic import TOLERANCE, PeriodicOrbit
 from .signature import GapSamples, Grazing
 from .simulate import dynamic_steps, steps_of_call
 
 if TYPE_CHECKING:
     import xarray as xr
+
+
+AROUND = 0.02
+"""Length along a curve, to both sides of a point of codimension two, in which it is sought with more steps."""
+
+
+FORM_FINER = 12, 24, 48
+"""Multiples of a branch's steps with which the coefficients of normal forms are computed."""
+STEPS = 2400
+"""Steps per forcing period at which differences have the width `slipperjax.orbits.motions.WIDTH`."""
 
 
 def critical_orbit(
@@ -256,7 +269,7 @@ class CurvePoint(NamedTuple):
     coefficients: dict[str, complex]
     """Coefficients of the normal form, see `slipperjax.analysis.normal_form`; empty where there are none."""
     stderr: dict[str, float]
-    """Errors of the coefficients by the steps."""
+    """Errors by the steps, of both values by the names of the parameters, and of the coefficients."""
     note: str
     """Reason why there are no coefficients."""
 
@@ -280,13 +293,12 @@ class OrbitCurve(Result):
     def events(self) -> tuple[CurvePoint, ...]:
         """Ends and points of codimension two, in the order of the curve's points."""
         found = []
-        columns = (self.ds[f"event_{name}"].values.tolist() for name in ("label", "point", "coefficients", "note"))
-        for label, point, texts, note in zip(*columns, strict=True):
-            parts = json.loads(texts)
-            numbers = {name: complex(real, imaginary) for name, (real, imaginary, _) in parts.items()}
-            errors = {name: error for name, (*_, error) in parts.items()}
+        names = "label", "point", "coefficients", "stderr", "note"
+        columns = (self.ds[f"event_{name}"].values.tolist() for name in names)
+        for label, point, texts, errors, note in zip(*columns, strict=True):
+            numbers = {name: complex(*parts[:2]) for name, parts in json.loads(texts).items()}
             values = tuple(self.parameters[point].tolist())
-            found.append(CurvePoint(label, values, self.ds["state"].values[point], numbers, errors, note))
+            found.append(CurvePoint(label, values, self.ds["state"].values[point], numbers, json.loads(errors), note))
         return tuple(found)
 
     @property
@@ -358,9 +370,8 @@ def continue_event(
             points=points,
             on_point=lambda node: count(node.z[motions.size]),
         )
-    curve = dataclasses.replace(
-        curve, events=tuple(_with_errors(one, motions, call["steps_per_period"]) for one in curve.events)
-    )
+    measured = lambda one: _with_errors(one, curve, motions, call)
+    curve = dataclasses.replace(curve, events=tuple(map(measured, curve.events)))
     # all points are at the event: the label marks their critical multipliers
     nodes = [node._replace(label=event.label) for node in curve.nodes]
     call = {"function": "continue_event", "label": event.label}
@@ -369,13 +380,43 @@ def continue_event(
     return finished(OrbitCurve(ds.assign_attrs(label=event.label, ended=list(curve.ended))))
 
 
-def _with_errors(event: Event, motions: PeriodicMotions, steps: int) -> Event:
-    """Return a point of codimension two with the coefficients, and their errors, from more steps."""
-    if not event.coefficients:
+def _with_errors(event: Event, curve: Branch, motions: PeriodicMotions, call: dict) -> Event:
+    """Return a point of codimension two with the errors of its place, and the coefficients from more steps."""
+    if event.label not in POINTS:
         return event
-    state = motions.state(jnp.asarray(event.node.z))
-    coefficients, stderr = _form(motions, state, event.values, event.label, steps)
-    return event._replace(coefficients=coefficients, stderr=jax.tree.map(float, stderr))
+    steps = call["steps_per_period"]
+    place, errors = with_step_error(lambda steps: _place_of(event, curve, steps, call["tolerance"]), steps)
+    # the point itself has the steps of the curve
+    errors = errors + np.abs(place - event.values)
+    stderr = dict(zip(curve.names, errors.tolist(), strict=True))
+    coefficients = event.coefficients
+    if coefficients:
+        state = motions.state(jnp.asarray(event.node.z))
+        coefficients, of_form = _form(motions, state, event.values, event.label, steps)
+        stderr |= jax.tree.map(float, of_form)
+    return event._replace(coefficients=coefficients, stderr=stderr)
+
+
+def _place_of(event: Event, curve: Branch, steps: int, tolerance: float) -> np.ndarray:
+    """Return both parameters at a point of codimension two with a number of steps; NaN where it is not found."""
+    equations = curve.equations
+    assert isinstance(equations, CriticalMotions)
+    equations = dataclasses.replace(equations, motions=_with_steps(equations.motions, steps))
+    z, tangent = event.node.z, event.node.tangent
+    # on both sides of the point, along the curve
+    ends = [
+        located(equations, jnp.asarray(z + way * tangent), event.node.row, tolerance=tolerance)
+        for way in (-AROUND, AROUND)
+    ]
+    search = PointSearch(equations, None, tolerance)
+    found = [one.values for one in search.between(*(observed(end, None) for end in ends)) if one.label == event.label]
+    return np.array(found[0] if found else [np.nan, np.nan])
+
+
+def _with_steps(motions: PeriodicMotions, steps: int) -> PeriodicMotions:
+    """Return the equations of a slipper's orbits with another number of steps."""
+    family = dataclasses.replace(motions.family, stepping=dynamic_steps(steps))  # type: ignore[type-var]
+    return dataclasses.replace(motions, family=family)
 
 
 def _form(
@@ -384,21 +425,23 @@ def _form(
     """Return the coefficients of a normal form with many steps, and their errors."""
 
     def with_steps(steps: int) -> dict[str, complex | float]:
-        family = dataclasses.replace(motions.family, stepping=dynamic_steps(steps))  # type: ignore[type-var]
-        return normal_form(dataclasses.replace(motions, family=family), state, values, label)
+        # narrower differences with more steps, so that the errors of both fall
+        finer = dataclasses.replace(_with_steps(motions, steps), width=jnp.asarray(WIDTH * np.sqrt(STEPS / steps)))
+        return normal_form(finer, state, values, label)
 
-    return with_step_error(with_steps, steps)
+    return with_step_error(with_steps, steps, FORM_FINER)
 
 
 def orbit_form(branch: OrbitBranch, event: BranchEvent) -> tuple[dict[str, complex | float], dict[str, float]]:
-    """Return the coefficients of the normal form at a fold of a branch, and their errors by the steps.
+    """Return the coefficients of the normal form at a fold, flip or Neimark-Sacker of a branch, and their errors.
 
-    They are those of `slipperjax.analysis.normal_form`, at the event's orbit with three, six and twelve times the
-    steps of the branch.
+    They are those of `slipperjax.analysis.normal_form`, at the event's orbit with 12, 24 and 48 times the steps of
+    the branch. Second and third derivatives are differences of first ones, narrower with more steps, so that the
+    stated errors are those of steps and widths.
 
     **Arguments:** `event`: one of `branch.events`.
 
-    **Raises:** `ValueError` for flips and Neimark-Sackers, whose third derivatives do not converge with the steps.
+    **Raises:** `ValueError` for other events.
     """
     one_of("event", event.label, tuple(CRITICAL_MULTIPLIERS))
     orbit = branch.orbit(event)

@@ -35,10 +35,10 @@ def test_torus_from_its_birth_beside_simulations(tori):
     assert r == 2.1
     states = iterates(family(r), jnp.asarray(tori.at(node).states(node.z))[0], 20_000, 0)
     # measured 4e-16
-    np.testing.assert_allclose(analysis.rotation_number(states), rotation, atol=1e-10)
+    np.testing.assert_allclose(analysis.rotation_number(states), rotation, rtol=0, atol=1e-10)
     spectrum = analysis.map_spectrum(family(r), states[-1], 20_000)
     # measured 8e-12, from the simulation's weighted mean
-    np.testing.assert_allclose(tori.exponents[-1], np.asarray(spectrum.weighted), atol=1e-9)
+    np.testing.assert_allclose(tori.exponents[-1], np.asarray(spectrum.weighted), rtol=0, atol=1e-9)
     # at the birth the angle of the multipliers is 60 degrees
     assert tori.rotation[0] == pytest.approx(1 / 6, abs=1e-4)
 
@@ -60,7 +60,7 @@ def test_fixed_rotation_number():
     assert abs(c - 1e-3) > 1e-3
     found = analysis.rotation_number(iterates(delayed(r, c), jnp.array([0.4, 0.45]), 20_000))
     # measured 1e-15
-    np.testing.assert_allclose(found, tori.rotation[-1], atol=1e-10)
+    np.testing.assert_allclose(found, tori.rotation[-1], rtol=0, atol=1e-10)
 
 
 def resonant(turn):
@@ -94,11 +94,19 @@ def test_locking():
 
 
 def test_lost_torus_ends_with_a_reason(tori):
-    birth = tori.nodes[-1]
-    states = tori.at(birth).states(birth.z)
+    node = tori.nodes[-1]
     equations = tori.equations.motions
-    simulated = iterates(family(2.1), jnp.asarray(states[0]), 2000, 0)
-    lost = analysis.continue_torus(equations, (simulated, 2.1), (2.05, 2.4), points=41, most=63)
-    assert "resolution" in lost.ended
-    with pytest.raises(ValueError, match="`start` must be states on a closed curve"):
-        analysis.continue_torus(equations, (np.random.default_rng(0).random((500, 2)), 2.1), (2.0, 2.4))
+    simulated = iterates(family(2.1), jnp.asarray(tori.at(node).states(node.z))[0], 2000, 0)
+    lost = analysis.continue_torus(equations, (simulated, 2.1), (2.09, 2.15), points=41, most=100)
+    assert lost.ended == ("bound", "resolution")
+    ahead = analysis.continue_torus(equations, (simulated, 2.1), (2.09, 2.4))
+    assert ahead.ended[1] == "locked 1:7"
+    (plateau,) = ahead.events
+    within = iterates(family((plateau.low + plateau.high) / 2), jnp.array([0.4, 0.45]), 20_000)
+    assert abs(analysis.rotation_number(within) - 1 / 7) < 1e-9
+    for start, most, words in (
+        (np.random.default_rng(0).random((500, 2)), 127, "`start` must be states on a closed curve"),
+        (simulated, 63, "`most` must be enough states for the accuracy at the start, but is 63"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            analysis.continue_torus(equations, (start, 2.1), (2.0, 2.4), points=41, most=most)
