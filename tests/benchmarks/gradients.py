@@ -1,7 +1,7 @@
 """Values and derivatives through impacts by several tools, beside exact ones: the tables of docs/lab/gradients.md.
 
     python -m tests.benchmarks.gradients               # all problems
-    python -m tests.benchmarks.gradients ball table    # some of them
+    python -m tests.benchmarks.gradients ball table    # some problems, or tools
 
 A row is a function of a problem and its two numbers, decorated with `row`, that returns the problem's outputs.
 Derivatives are by the numbers relative to their values.
@@ -98,13 +98,25 @@ def error(found: Any, true: np.ndarray) -> float:
 ROWS: list[tuple[str, tuple[Problem, ...], Callable[[Problem], Row], int]] = []
 
 
-def row(name: str, *problems: Problem, derive: Callable[[Callable, Problem], Row] = by_forward) -> Callable:
-    """Add a row to the tables of some problems: a function of a problem and its two numbers."""
+def lines(function: Callable) -> int:
+    """Count the lines of a function's body, without its description."""
+    inside = [line.strip() for line in inspect.getsource(function).splitlines() if line.strip()]
+    return sum(not line.startswith(("@", "def ", '"""')) for line in inside)
+
+
+def row(
+    name: str,
+    *problems: Problem,
+    derive: Callable[[Callable, Problem], Row] = by_forward,
+    uses: tuple[Callable, ...] = (),
+) -> Callable:
+    """Add a row to the tables of some problems: a function of a problem and its two numbers.
+
+    **Arguments:** `derive`: how its derivatives are found; `uses`: other functions that a user would write.
+    """
 
     def added(function: Callable) -> Callable:
-        lines = [line for line in inspect.getsource(function).splitlines() if line.strip()]
-        lines = len(lines) - sum(line.lstrip().startswith(("@", "def ", '"""')) for line in lines)
-        ROWS.append((name, problems, functools.partial(derive, function), lines))
+        ROWS.append((name, problems, functools.partial(derive, function), sum(map(lines, (function, *uses)))))
         return function
 
     return added
@@ -218,12 +230,12 @@ def restarted(problem, numbers, tolerance, root_finder):
     return jax.lax.while_loop(lambda carry: carry[0] < problem.end, to_next, (jnp.zeros(()), state))[1]
 
 
-@row("diffrax, as documented", BALL, STOP)
+@row("diffrax, as documented", BALL, STOP, uses=(restarted,))
 def by_documented_events(problem, *numbers):
     return restarted(problem, numbers, 1e-6, optimistix.Newton(1e-5, 1e-5, optimistix.rms_norm))
 
 
-@row("diffrax, tight", *RIGID)
+@row("diffrax, tight", *RIGID, uses=(restarted,))
 def by_tight_events(problem, *numbers):
     return restarted(problem, numbers, 1e-10, optimistix.Newton(1e-12, 1e-12))
 
@@ -255,17 +267,17 @@ row("differences of it", *SLIPPERS, derive=by_differences)(by_period_map)
 
 
 def measured(names: list[str]) -> Iterator[dict[str, str]]:
-    """Rows of the table, as they are computed."""
+    """Rows of the table, as they are computed: those whose problem or tool has one of the names, or all of them."""
     for problem in (*RIGID, *SLIPPERS):
-        for name, problems, run, lines in ROWS:
-            if problem in problems and (not names or problem.name in names):
+        for name, problems, run, count in ROWS:
+            if problem in problems and (not names or {problem.name, name} & set(names)):
                 found, compiling, again = run(problem)
                 errors = {
                     part: f"{error(getattr(found, part), getattr(problem.exact, part)):.0e}"
                     for part in exact.Exact._fields
                 }
                 times = {"compile [CPU s]": f"{compiling:.0f}" if compiling else "", "run [ms]": f"{1e3 * again:.2g}"}
-                yield {"problem": problem.name, "tool": name, **errors, **times, "lines": str(lines)}
+                yield {"problem": problem.name, "tool": name, **errors, **times, "lines": str(count)}
 
 
 def main(*names: str) -> None:

@@ -17,10 +17,10 @@ import numpy as np
 STORED = Path(__file__).parents[1] / "data" / "gradients.json"
 SCENE = "1e-3 0.2 1e8 0.9 1e-3 0.003490658503988659 8 0"
 """The paper's clearance, length, stiffness, restitution, amplitude, roll amplitude and wavelength [SI units]."""
-AT, WIDTHS = np.array([0.5, 1250.0]), np.array([5e-3, 1e-3])
+AT, WIDTHS = np.array([0.5, 1250.0]), np.array([2e-3, 5e-4])
 """The start's v_y [m/s] and the speed [m/s], and the relative half widths of the grid."""
 COLUMNS = {"y": 0, "z": 1, "v_y": 5, "v_z": 6}
-PERIODS, STEPS, POINTS = (3, 30), 8000, 7
+PERIODS, STEPS, POINTS = (3, 30), 4000, 5
 
 
 def built(folder: str) -> Path:
