@@ -33,8 +33,8 @@ def test_exact_answers_of_the_ball_are_those_of_its_closed_form_in_jax():
 @pytest.mark.parametrize("problem", RIGID, ids=lambda problem: problem.name)
 def test_exact_answers_are_those_of_scipy_with_events(problem):
     found = gradients.by_differences(gradients.by_scipy, problem).found
-    # measured, the worst: 3e-10, 2e-9, 5e-7
-    for part, most in zip(exact.Exact._fields, (3e-9, 3e-8, 1e-5), strict=True):
+    # measured, the worst: 8e-10 of play, 1e-6 of table, 4e-6 of play
+    for part, most in zip(exact.Exact._fields, (8e-9, 1e-5, 4e-5), strict=True):
         assert error(getattr(found, part), getattr(problem.exact, part)) < most
 
 
@@ -44,7 +44,8 @@ def test_differences_in_many_digits_do_not_depend_on_their_step(monkeypatch):
         np.testing.assert_allclose(again, part, rtol=1e-15)
 
 
-MOST = {"ball": (1e-12,) * 3, "stop": (2e-9, 1e-8, 3e-7), "table": (1e-11,) * 3, "balls": (1e-10,) * 3}
+# measured: 1e-14, 4e-14, 9e-15; 2e-10, 1e-9, 3e-8; 4e-13, 2e-13, 4e-13
+MOST = {"ball": (1e-12,) * 3, "stop": (2e-9, 1e-8, 3e-7), "table": (4e-12,) * 3, "balls": (1e-11,) * 3}
 """Greatest errors of value, first and second derivative by `impact_step`."""
 
 
@@ -57,7 +58,8 @@ def test_impact_step_has_first_and_second_derivatives(problem):
 
 def test_switched_step_has_first_and_second_derivatives():
     found = gradients.by_forward(gradients.by_switched_step, PLAY).found
-    for part, most in zip(exact.Exact._fields, (1e-6, 1e-6, 1e-5), strict=True):
+    for part, most in zip(exact.Exact._fields, (3e-6, 1e-6, 7e-5), strict=True):
+        # measured: 3e-7, 1e-7, 7e-6
         assert error(getattr(found, part), getattr(PLAY.exact, part)) < most
 
 
