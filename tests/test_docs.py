@@ -15,10 +15,12 @@ from slipperjax.cli import app
 from .pages import EXAMPLES, ROOT, blocks, commands
 
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
-WORDS = 20_620
+WORDS = 21_300
 """Most words of the pages, outside of code."""
 README_WORDS = 500
 """Most words of the README, outside of code."""
+PAPER, PAPER_WORDS = ROOT / "paper.md", 750
+"""The paper, and its most words, code included, without its header."""
 
 
 def with_blocks(language, *but):
@@ -96,3 +98,15 @@ def test_the_pages_stay_short():
     assert counted(ROOT / "README.md") <= README_WORDS
     pages = [page for page in PAGES if ROOT / "docs" in page.parents and page.parent.name != "api"]
     assert sum(map(counted, pages)) <= WORDS
+
+
+def test_the_paper_is_short_and_what_it_names_exists():
+    _, _, body = PAPER.read_text().split("---\n", 2)
+    assert len(body.split()) <= PAPER_WORDS
+    entries = re.findall(r"^@\w+\{(\w+),(.*?)^\}", PAPER.with_suffix(".bib").read_text(), re.MULTILINE | re.DOTALL)
+    assert all("doi" in entry or "url" in entry for _, entry in entries)
+    assert set(re.findall(r"@(\w+)", body)) == {name for name, _ in entries}
+    for module in re.findall(r"python -m ([\w.]+)", body):
+        assert (ROOT / f"{module.replace('.', '/')}.py").exists()
+    for file in re.findall(r"python (\S+\.py)", body):
+        assert (ROOT / file).exists()

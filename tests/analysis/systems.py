@@ -10,6 +10,7 @@ from jax.flatten_util import ravel_pytree
 from scipy.linalg import expm
 
 from slipperjax.analysis.continuation import continue_motion
+from slipperjax.analysis.hybrid import return_step
 from slipperjax.analysis.lyapunov import first_tangents
 from slipperjax.analysis.shooting import PeriodicMotions
 
@@ -307,3 +308,34 @@ class Companion(eqx.Module):
             return jnp.append(x[1:], last)
 
         return step
+
+
+def on_table(amplitude, restitution):
+    """From impact to impact of a ball on a table that moves as a sine, by phase, height and velocity.
+
+    Lengths are in g / w^2, times in 1 / w, so that the amplitude is the table's greatest acceleration over g.
+    """
+    field = lambda t, s: jnp.stack([jnp.ones_like(t), s[2], -jnp.ones_like(t)])
+    gap = lambda t, s: s[1] - amplitude * jnp.sin(s[0])
+
+    def rebound(t, s):
+        rise = amplitude * jnp.cos(s[0])
+        return s.at[2].set(rise - restitution * (s[2] - rise))
+
+    flight = return_step(field, gap, rebound, dt=0.05, most=400)
+    return lambda s, k: flight(s, k).at[0].add(-2 * jnp.pi)
+
+
+def table_flip(restitution):
+    """Amplitude at the flip of the motion with one impact in a period of the table."""
+    return np.hypot(*_table_parts(restitution))
+
+
+def _table_parts(restitution):
+    """The amplitude times cosine and sine of the phase of the impacts at that flip."""
+    return np.pi * (1 - restitution) / (1 + restitution), 2 * (1 + restitution**2) / (1 + restitution) ** 2
+
+
+TABLE_START = [np.arctan2(*_table_parts(0.5)[::-1]), _table_parts(0.5)[1], -np.pi]
+"""Phase, height and velocity at the flip at a restitution of 0.5."""
+TABLE_BOUNDS = ((0.5, 4.0), (0.3, 0.8))

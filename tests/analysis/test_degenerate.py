@@ -6,11 +6,10 @@ import pytest
 
 from slipperjax.analysis.arclength import Pace
 from slipperjax.analysis.critical import CriticalMotions, continue_critical
-from slipperjax.analysis.hybrid import return_step
 from slipperjax.analysis.leaving import switch_critical
 from slipperjax.analysis.shooting import PeriodicMotions
 
-from .systems import Companion, Generalised
+from .systems import TABLE_BOUNDS, TABLE_START, Companion, Generalised, on_table, table_flip
 
 WIDE = ((-20.0, 20.0), (-4.0, 4.0))
 
@@ -136,26 +135,9 @@ def test_curves_leave_strong_resonances():
 
 @pytest.mark.full
 def test_flips_of_a_ball_on_a_table():
-    """Lengths in g / w^2, times in 1 / w: flips of period 1 over the table's acceleration and the restitution."""
-
-    def family(amplitude, restitution):
-        field = lambda t, s: jnp.stack([jnp.ones_like(t), s[2], -jnp.ones_like(t)])
-        gap = lambda t, s: s[1] - amplitude * jnp.sin(s[0])
-
-        def rebound(t, s):
-            rise = amplitude * jnp.cos(s[0])
-            return s.at[2].set(rise - restitution * (s[2] - rise))
-
-        flight = return_step(field, gap, rebound, dt=0.05, most=400)
-        return lambda s, k: flight(s, k).at[0].add(-2 * jnp.pi)
-
-    speed = lambda e: np.pi * (1 - e) / (1 + e)
-    rise = lambda e: 2 * (1 + e**2) / (1 + e) ** 2
-    exact = lambda e: np.hypot(speed(e), rise(e))
-    phase = np.arctan2(rise(0.5), speed(0.5))
-    state = [phase, rise(0.5), -np.pi]
-    found = curve(family, "PD", state, (1.53, 0.5), ((0.5, 4.0), (0.3, 0.8)))
+    """Flips of period 1 over the table's acceleration and the restitution."""
+    found = curve(on_table, "PD", TABLE_START, (1.53, 0.5), TABLE_BOUNDS)
     amplitude, restitution = found.parameters.T
-    np.testing.assert_allclose(amplitude, exact(restitution), rtol=0, atol=1e-10)  # measured: 1.3e-11
-    assert exact(0.5) == pytest.approx(1.5268237005191, abs=1e-12)
+    np.testing.assert_allclose(amplitude, table_flip(restitution), rtol=0, atol=1e-10)  # measured: 1.3e-11
+    assert table_flip(0.5) == pytest.approx(1.5268237005191, abs=1e-12)
     np.testing.assert_allclose(sorted(restitution[[0, -1]]), [0.3, 0.8], rtol=0, atol=1e-12)
