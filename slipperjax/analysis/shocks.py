@@ -116,47 +116,36 @@ def smallest_shock(
         sizes = np.asarray(ravel_pytree(jax.tree.map(finite("shocks"), shocks))[0])
         require(sizes.shape == flat.shape, "shocks", f"have {flat.size} numbers as the state has", sizes.size)
         require(np.any(sizes), "shocks", "change some number", shocks)
-        weights = weights_of(first, scale)
-        shocked = _Shocked(step, consistent, first, weights, jnp.asarray(np.diag(sizes)[:, sizes != 0]))
-
-        def ends(amounts: np.ndarray) -> np.ndarray:
-            return np.asarray(call_compiled(_ends, shocked, static, jnp.asarray(amounts)))
-
-        directions = _unit(_normal_deviates(rays, np.count_nonzero(sizes), seed))
+        ways = np.diag(sizes)[:, sizes != 0]
+        weights = np.asarray(weights_of(first, scale))
+        shocked = _Shocked(step, consistent, first, jnp.asarray(weights), jnp.asarray(ways))
+        call = lambda fun, static, amounts: np.asarray(call_compiled(fun, shocked, static, jnp.asarray(amounts)))
+        ends = lambda amounts: call(_ends, static, amounts) * weights
+        directions = _directions(rays, ways.shape[1], seed)
         # shocks of almost no length lead to the motion itself, if it is stable
         still = ends(np.repeat(1e-6 * longest * directions, CUTS, axis=0))
 
         def leaves(found: np.ndarray) -> np.ndarray:
             # a motion may return with another phase
-            apart = [found[:, k:] - still[0, : static[1] - k] for k in range(intervals)]
-            return ~np.any([_size(of, weights) < tolerance for of in apart], axis=0)
+            apart = (found[:, k:] - still[0, : static[1] - k] for k in range(intervals))
+            return ~np.any([np.abs(of).max(axis=(1, 2)) < tolerance for of in apart], axis=0)
 
-        stays = not np.any(leaves(still)) and _size(still[:1, :1] - flat, weights) < tolerance
+        stays = not np.any(leaves(still)) and np.abs(still[0, 0] - flat * weights).max() < tolerance
         require(stays, "state", f"be on a stable motion that recurs after {intervals} intervals", state)
-        # as many shocks in each call, so that one program serves all of them
-        ray = _nearest(
+        # each call has as many shocks, so that one program serves all of them
+        direction, low, high, angle = _nearest(
             lambda amounts: leaves(ends(amounts)),
-            lambda amounts: np.asarray(call_compiled(_grown, shocked, static[:1], jnp.asarray(amounts))),
+            lambda amounts: call(_grown, static[:1], amounts),
             directions,
             longest,
             generations,
             generator,
         )
-        end = ends(np.tile(ray.high * ray.direction, (rays * CUTS, 1)))[:1]
+        shock = high * direction
+        end = call(_ends, static, np.tile(shock, (rays * CUTS, 1)))[:1]
         period = int(recurrences(end * weights, tolerance)[1][0])
-        change = unravel(shocked.ways @ (ray.high * ray.direction))
-        found = "gradient" if ray.angle < AGREES else "rays"
-        return Shock(change, ray.high, ray.low, ray.angle, found, period, unravel(end[0, -intervals]))
-
-
-class _Ray(NamedTuple):
-    """A direction, and lengths of shocks before and behind the boundary."""
-
-    direction: np.ndarray
-    low: float
-    high: float
-    angle: float
-    """Between the direction and the boundary's normal [rad]."""
+        found = "gradient" if angle < AGREES else "rays"
+        return Shock(unravel(ways @ shock), high, low, angle, found, period, unravel(end[0, -intervals]))
 
 
 def _nearest(
@@ -166,10 +155,11 @@ def _nearest(
     longest: float,
     generations: int,
     generator: np.random.Generator,
-) -> _Ray:
-    """Return the shortest ray to the boundary, from some directions on."""
-    each = len(directions) // FAMILIES
-    low, high = _crossings(leaves, directions, np.full(len(directions), longest))
+) -> tuple[np.ndarray, float, float, float]:
+    """Return the direction of the smallest shock, lengths before and behind the boundary, and its angle to the
+    boundary's normal [rad]."""
+    count, size = directions.shape
+    low, high = _crossings(leaves, directions, np.full(count, longest))
     best = _apart(directions, high)
     for generation in range(generations + 1):
         directions, low, high = directions[best], low[best], high[best]
@@ -179,13 +169,14 @@ def _nearest(
         if generation == generations or np.all(angles < AGREES):
             break
         turn = np.sign(along)[:, None] * normals - directions
-        wild = 0.5**generation * generator.standard_normal((FAMILIES, each - SHARES.size, turn.shape[1]))
+        wild = 0.5**generation * generator.standard_normal((FAMILIES, count // FAMILIES - SHARES.size, size))
         turns = np.concatenate([SHARES[:, None] * turn[:, None], wild], axis=1)
-        directions = _unit(directions[:, None] + turns).reshape(-1, turn.shape[1])
+        each = turns.shape[1]
+        directions = _unit(directions[:, None] + turns).reshape(-1, size)
         low, high = _crossings(leaves, directions, np.repeat(high, each))
         best = np.argmin(high.reshape(FAMILIES, each), axis=1) + each * np.arange(FAMILIES)
     k = np.argmin(high)
-    return _Ray(directions[k], float(low[k]), float(high[k]), float(angles[k]))
+    return directions[k], float(low[k]), float(high[k]), float(angles[k])
 
 
 def _crossings(
@@ -218,21 +209,16 @@ def _apart(directions: np.ndarray, lengths: np.ndarray) -> np.ndarray:
     return np.resize(chosen, FAMILIES)
 
 
-def _normal_deviates(count: int, size: int, seed: int) -> np.ndarray:
-    """Return evenly spread deviates of a normal distribution."""
+def _directions(count: int, size: int, seed: int) -> np.ndarray:
+    """Return directions that are evenly spread."""
     from scipy.stats import qmc  # here, because importing it takes long
 
     points = qmc.Halton(size, rng=np.random.default_rng(seed))
-    return qmc.MultivariateNormalQMC(np.zeros(size), engine=points).random(count)
+    return _unit(qmc.MultivariateNormalQMC(np.zeros(size), engine=points).random(count))
 
 
 def _unit(directions: np.ndarray) -> np.ndarray:
     return directions / np.linalg.norm(directions, axis=-1, keepdims=True)
-
-
-def _size(apart: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Return the greatest weighted component of differences over some intervals; NaN where one is not finite."""
-    return np.max(np.abs(apart) * weights, axis=(-2, -1))
 
 
 def _ends(shocked: _Shocked, static: tuple, amounts: Array) -> Array:
@@ -244,7 +230,7 @@ def _ends(shocked: _Shocked, static: tuple, amounts: Array) -> Array:
 def _grown(shocked: _Shocked, static: tuple, amounts: Array) -> Array:
     """Return the weighted derivatives of motions by the shock, after the interval at whose end they are greatest."""
     unravel = ravel_pytree(shocked.state)[1]
-    size = lambda rows: jnp.sum((rows * shocked.weights) ** 2)
+    size = lambda rows: jnp.sum((rows * shocked.weights[None]) ** 2)
 
     def grow(amount):
         def interval(carry, k):
@@ -257,6 +243,6 @@ def _grown(shocked: _Shocked, static: tuple, amounts: Array) -> Array:
         start = lambda amount: ravel_pytree(shocked.start(amount))[0]
         first = jax.jacfwd(start)(amount).T
         carry = start(amount), first, first
-        return jax.lax.scan(interval, carry, jnp.arange(float(*static)))[0][-1] * shocked.weights
+        return jax.lax.scan(interval, carry, jnp.arange(float(*static)))[0][-1] * shocked.weights[None]
 
     return jax.vmap(grow)(amounts)
