@@ -32,6 +32,8 @@ APART = 0.7
 """Greatest cosine of the angle between these rays."""
 SHARES = np.array([1.0, 0.5, 0.25, 0.125, 0.0])
 """Shares of the way from a ray to the normal that are tried; 0 keeps the ray."""
+GENERATIONS = 12
+"""Most turns of the rays towards the normals."""
 AGREES = 1e-3
 """Angle between ray and normal below which they agree [rad]; lengths then agree to about a millionth."""
 
@@ -80,36 +82,32 @@ def smallest_shock(
     shocks: PyTree,
     *,
     longest: float = 1.0,
-    intervals: int = 1,
     transient: int = 500,
     last: int = 20,
     rays: int = 32,
-    generations: int = 12,
     seed: int = 0,
     scale: Scale | None = None,
     consistent: Consistent | None = None,
-    tolerance: float = 0.005,
+    tolerance: float = 0.05,
 ) -> Shock:
     """Return the smallest shock after which a stable periodic motion of a map does not return.
 
     **Arguments:**
 
-    - `step`, `state`, `intervals`, `scale`, `consistent`: as for `shoot`, of the motion.
+    - `step`, `scale`, `consistent`: as for `shoot`; `state`: on the motion, where the shock changes it.
     - `shocks`: like the state, the change of each number that counts as a length of one; 0 for numbers that no shock
         changes.
     - `longest`: longest shock [1].
-    - `transient`: recurrences before the `last` ones, over which a motion that returns agrees with the first one
-        within `tolerance`, in multiples of the scales. A motion that returns later counts as one that leaves.
-    - `rays`: number of the first directions, from `seed`; `generations`: most improvements.
+    - `transient`: intervals before the `last` ones, which show whether a motion has returned, as for `map_basins`, by
+        `tolerance` in multiples of the scales. A motion that returns later counts as one that leaves.
+    - `rays`: number of the first directions, from `seed`.
 
     **Raises:** `ValueError` for motions that are not stable, and where no ray leaves the basin.
     """
     longest = number(positive, "longest", longest)
     tolerance = number(positive, "tolerance", tolerance)
-    intervals = whole("intervals", intervals, 1)
-    static = whole("transient", transient, 1) * intervals, whole("last", last, 2) * intervals
+    static = whole("transient", transient, 1), whole("last", last, 2)
     rays = whole("rays", rays, FAMILIES * SHARES.size)
-    generations = whole("generations", generations, 1)
     generator = np.random.default_rng(whole("seed", seed, 0))
     with checked_system(step, state, scale) as first:
         flat, unravel = ravel_pytree(first)
@@ -119,33 +117,32 @@ def smallest_shock(
         ways = np.diag(sizes)[:, sizes != 0]
         weights = np.asarray(weights_of(first, scale))
         shocked = _Shocked(step, consistent, first, jnp.asarray(weights), jnp.asarray(ways))
-        call = lambda fun, static, amounts: np.asarray(call_compiled(fun, shocked, static, jnp.asarray(amounts)))
-        ends = lambda amounts: call(_ends, static, amounts) * weights
+        call = lambda fun, amounts: np.asarray(call_compiled(fun, shocked, static, jnp.asarray(amounts)))
+        known = lambda ends: recurrences(ends * weights, tolerance / 10)
         directions = _directions(rays, ways.shape[1], seed)
         # shocks of almost no length lead to the motion itself, if it is stable
-        still = ends(np.repeat(1e-6 * longest * directions, CUTS, axis=0))
+        still = call(_ends, np.repeat(1e-6 * longest * directions, CUTS, axis=0))
+        (mark, *_), (period, *_) = known(still)
+        near = np.abs((still[0] - np.asarray(flat)) * weights).max(axis=1).min()
 
-        def leaves(found: np.ndarray) -> np.ndarray:
-            # a motion may return with another phase
-            apart = (found[:, k:] - still[0, : static[1] - k] for k in range(intervals))
-            return ~np.any([np.abs(of).max(axis=(1, 2)) < tolerance for of in apart], axis=0)
+        def leaves(ends: np.ndarray) -> np.ndarray:
+            marks, periods = known(ends)
+            return (periods != period) | ~(np.abs(marks - mark).max(axis=1) < tolerance)
 
-        stays = not np.any(leaves(still)) and np.abs(still[0, 0] - flat * weights).max() < tolerance
-        require(stays, "state", f"be on a stable motion that recurs after {intervals} intervals", state)
+        stays = period > 0 and near < tolerance and not np.any(leaves(still))
+        require(stays, "state", "be on a stable periodic motion that lasts", state)
         # each call has as many shocks, so that one program serves all of them
         direction, low, high, angle = _nearest(
-            lambda amounts: leaves(ends(amounts)),
-            lambda amounts: call(_grown, static[:1], amounts),
+            lambda amounts: leaves(call(_ends, amounts)),
+            lambda amounts: call(_grown, amounts),
             directions,
             longest,
-            generations,
             generator,
         )
         shock = high * direction
-        end = call(_ends, static, np.tile(shock, (rays * CUTS, 1)))[:1]
-        period = int(recurrences(end * weights, tolerance)[1][0])
+        end = call(_ends, np.tile(shock, (rays * CUTS, 1)))[:1]
         found = "gradient" if angle < AGREES else "rays"
-        return Shock(unravel(ways @ shock), high, low, angle, found, period, unravel(end[0, -intervals]))
+        return Shock(unravel(ways @ shock), high, low, angle, found, int(known(end)[1][0]), unravel(end[0, -1]))
 
 
 def _nearest(
@@ -153,7 +150,6 @@ def _nearest(
     grown: Callable[[np.ndarray], np.ndarray],
     directions: np.ndarray,
     longest: float,
-    generations: int,
     generator: np.random.Generator,
 ) -> tuple[np.ndarray, float, float, float]:
     """Return the direction of the smallest shock, lengths before and behind the boundary, and its angle to the
@@ -161,12 +157,14 @@ def _nearest(
     count, size = directions.shape
     low, high = _crossings(leaves, directions, np.full(count, longest))
     best = _apart(directions, high)
-    for generation in range(generations + 1):
+    for generation in range(GENERATIONS + 1):
         directions, low, high = directions[best], low[best], high[best]
         normals = np.linalg.svd(grown(low[:, None] * directions))[0][:, :, 0]
         along = np.sum(normals * directions, axis=1)
         angles = np.arccos(np.minimum(np.abs(along), 1.0))
-        if generation == generations or np.all(angles < AGREES):
+        # a plane boundary at a point is at least this far away
+        hopeless = low * np.abs(along) > high.min()
+        if generation == GENERATIONS or np.all(hopeless | (angles < AGREES)):
             break
         turn = np.sign(along)[:, None] * normals - directions
         wild = 0.5**generation * generator.standard_normal((FAMILIES, count // FAMILIES - SHARES.size, size))
@@ -243,6 +241,6 @@ def _grown(shocked: _Shocked, static: tuple, amounts: Array) -> Array:
         start = lambda amount: ravel_pytree(shocked.start(amount))[0]
         first = jax.jacfwd(start)(amount).T
         carry = start(amount), first, first
-        return jax.lax.scan(interval, carry, jnp.arange(float(*static)))[0][-1] * shocked.weights[None]
+        return jax.lax.scan(interval, carry, jnp.arange(float(static[0])))[0][-1] * shocked.weights[None]
 
     return jax.vmap(grow)(amounts)

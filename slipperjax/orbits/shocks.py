@@ -43,7 +43,6 @@ def smallest_shock(
         PeriodMap(orbit.scene, dynamic_steps(int(orbit.steps_per_period)), orbit.solver),
         orbit.state,
         dataclasses.replace(none, motion=dataclasses.replace(none.motion, **sizes)),
-        intervals=orbit.period,
         transient=transient,
         scale=tangent_weights(orbit.scene),
         consistent=consistent_state,

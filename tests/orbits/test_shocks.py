@@ -33,7 +33,7 @@ def test_wrong_inputs(orbit):
 
 @pytest.mark.slow
 def test_shock_beside_10000_random_shocks(orbit):
-    shock = sj.orbits.smallest_shock(orbit, SHOCKS, longest=10.0)
+    shock = sj.orbits.smallest_shock(orbit, SHOCKS, longest=10.0, transient=150)
     change = shock.change.motion
     print(f"v_y {float(change.v_y):.6f} m/s, v_z {float(change.v_z):.6f} m/s, length {shock.length:.8f}", end=", ")
     print(f"returns {shock.returns:.8f}, by {shock.found}, angle {shock.angle:.1e}, period {shock.period}")
@@ -48,7 +48,7 @@ def test_shock_beside_10000_random_shocks(orbit):
         "start_v_z": float(orbit.state.motion.v_z) + 0.1 * lengths * np.sin(angles),
     }
     swept = sj.sweep(
-        orbit.scene, starts, start=orbit.state.motion, product=False, record="strobe", transient=200, periods=4,
+        orbit.scene, starts, start=orbit.state.motion, product=False, record="strobe", transient=150, periods=4,
         steps_per_period=STEPS,
     )  # fmt: skip
     away = np.abs(swept.ds["strobe"].values[:, -1, 5] - float(orbit.state.motion.v_y)) > 0.01
