@@ -11,6 +11,6 @@ from .critical import (
 )
 from .own_branches import branch_result as branch_result
 from .periodic import PeriodicOrbit as PeriodicOrbit
-from .shocks import smallest_shock as smallest_shock
+from .shocks import orbit_shock as orbit_shock
 from .signature import Signature as Signature, Touchdown as Touchdown
 from .simulate import Peak as Peak, Probe as Probe, Trajectory as Trajectory

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 import jax
 import jax.numpy as jnp
 
-from ..analysis import shocks as of_maps
+from ..analysis.shocks import Shock, smallest_shock
 from ..flow.period_map import PeriodMap, tangent_weights
 from ..model.quantities import MOTION_NUMBERS
 from ..tools.checks import instance, number, positive, require
@@ -15,13 +15,13 @@ from .periodic import PeriodicOrbit
 from .simulate import dynamic_steps
 
 
-def smallest_shock(
+def orbit_shock(
     orbit: PeriodicOrbit, shocks: Mapping[str, float], *, transient: int = 200, **options: object
-) -> of_maps.Shock:
+) -> Shock:
     """Return the smallest shock at the start of a period after which the slipper does not return to its orbit.
 
     ```python
-    shock = sj.orbits.smallest_shock(sj.periodic_orbit(scene), {"v_y": 0.1, "v_z": 0.1})
+    shock = sj.orbits.orbit_shock(sj.periodic_orbit(scene), {"v_y": 0.1, "v_z": 0.1})
     ```
 
     **Arguments:** `shocks`: the change of each number of a motion that counts as a length of one [SI unit], by name:
@@ -39,7 +39,7 @@ def smallest_shock(
         name: jnp.asarray(number(positive, name, size, MOTION_NUMBERS[name].unit)) for name, size in shocks.items()
     }
     none = jax.tree.map(jnp.zeros_like, orbit.state)
-    return of_maps.smallest_shock(
+    return smallest_shock(
         PeriodMap(orbit.scene, dynamic_steps(int(orbit.steps_per_period)), orbit.solver),
         orbit.state,
         dataclasses.replace(none, motion=dataclasses.replace(none.motion, **sizes)),

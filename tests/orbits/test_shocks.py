@@ -23,17 +23,17 @@ def orbit():
 @pytest.mark.full
 def test_wrong_inputs(orbit):
     with pytest.raises(ValueError, match="`shocks` must name some of y, z, q_x"):
-        sj.orbits.smallest_shock(orbit, {"speed": 1.0})
+        sj.orbits.orbit_shock(orbit, {"speed": 1.0})
     with pytest.raises(ValueError, match="`v_y` must be positive, but is -1 m/s"):
-        sj.orbits.smallest_shock(orbit, {"v_y": -1.0})
+        sj.orbits.orbit_shock(orbit, {"v_y": -1.0})
     lost = dataclasses.replace(orbit, status=8)
     with pytest.raises(ValueError, match="`orbit` must be stable"):
-        sj.orbits.smallest_shock(lost, SHOCKS)
+        sj.orbits.orbit_shock(lost, SHOCKS)
 
 
 @pytest.mark.slow
 def test_shock_beside_10000_random_shocks(orbit):
-    shock = sj.orbits.smallest_shock(orbit, SHOCKS, longest=10.0, transient=150)
+    shock = sj.orbits.orbit_shock(orbit, SHOCKS, longest=10.0, transient=150)
     change = shock.change.motion
     print(f"v_y {float(change.v_y):.6f} m/s, v_z {float(change.v_z):.6f} m/s, length {shock.length:.8f}", end=", ")
     print(f"returns {shock.returns:.8f}, by {shock.found}, angle {shock.angle:.1e}, period {shock.period}")
