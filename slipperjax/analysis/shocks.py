@@ -100,7 +100,8 @@ def smallest_shock(
     - `longest`: longest shock [1].
     - `transient`: intervals before the `last` ones, which show whether a motion has returned, as for `map_basins`, by
         `tolerance` in multiples of the scales. A motion that returns later counts as one that leaves.
-    - `rays`: number of the first directions, from `seed`.
+    - `rays`: number of the first directions, from `seed`. Tongues of other basins thinner than an eighth of a
+        ray may be missed.
 
     **Raises:** `ValueError` for motions that are not stable, and where no ray leaves the basin.
     """
