@@ -52,6 +52,7 @@ from .lyapunov import (
 from .newton import AbstractEquations as AbstractEquations
 from .normal_forms import normal_form as normal_form
 from .ode import ode_spectrum as ode_spectrum, ode_step as ode_step
+from .shocks import Shock as Shock, smallest_shock as smallest_shock
 from .shooting import (
     PeriodicMotions as PeriodicMotions,
     Shot as Shot,

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float, Int, PyTree
 
 from ..tools.checks import numbers, require, whole
 from ..tools.compile import call_compiled
@@ -57,14 +57,14 @@ def map_basins(
 
 
 def _iterated(family: Callable[..., Step], static: tuple, starts: Array, values: Array) -> Array:
-    transient, last = static
-
-    def run(value, state):
-        step = family(value)
-        state = jax.lax.fori_loop(0, transient, lambda k, s: step(s, 1.0 * k), state)
-        return jax.lax.scan(lambda s, k: (step(s, k), s), state, transient + jnp.arange(float(last)))[1]
-
+    run = lambda value, state: last_states(family(value), state, *static)
     return jax.vmap(lambda value: jax.vmap(lambda state: run(value, state))(starts))(values)
+
+
+def last_states(step: Step, state: PyTree, transient: int, last: int) -> PyTree:
+    """Return the `last` states of a motion after the `transient` intervals. Pure."""
+    state = jax.lax.fori_loop(0, transient, lambda k, s: step(s, 1.0 * k), state)
+    return jax.lax.scan(lambda s, k: (step(s, k), s), state, transient + jnp.arange(float(last)))[1]
 
 
 def matched(states: Float[np.ndarray, "*values starts intervals numbers"], tolerance: float, reach: float) -> Basins:
@@ -75,7 +75,7 @@ def matched(states: Float[np.ndarray, "*values starts intervals numbers"], toler
     number from one value to the next where its n stays and these change by at most `reach`. All motions that do not
     recur count as one attractor.
     """
-    marks, periods = _marks(states.reshape(-1, *states.shape[-2:]), tolerance / 10)
+    marks, periods = recurrences(states.reshape(-1, *states.shape[-2:]), tolerance / 10)
     found, kinds = _numbered(
         marks.reshape(*states.shape[:-2], -1), periods.reshape(states.shape[:-2]), tolerance, reach
     )
@@ -92,7 +92,7 @@ def matched(states: Float[np.ndarray, "*values starts intervals numbers"], toler
     return Basins(ranked, np.array(kinds, int)[order], counts / starts, stderr)
 
 
-def _marks(states: np.ndarray, near: float) -> tuple[np.ndarray, np.ndarray]:
+def recurrences(states: np.ndarray, near: float) -> tuple[np.ndarray, np.ndarray]:
     """Return mean and spread of scaled states (cases, periods, numbers) over whole recurrences, and the
     number of periods of a recurrence: 0 for motions that do not recur, -1 for motions that are not finite."""
     periods = states.shape[1]
@@ -122,7 +122,7 @@ def _numbered(
 ) -> tuple[Int[np.ndarray, "*parameters starts"], list[int]]:
     """Return the number of each case's attractor, -1 for none, and the period of each number.
 
-    **Arguments:** `marks`, `periods`: as of `_marks`, (*parameters, starts, ...).
+    **Arguments:** `marks`, `periods`: as of `recurrences`, (*parameters, starts, ...).
     """
     numbers = np.full(periods.shape, -1)
     kinds: list[int] = []

@@ -1,4 +1,4 @@
-"""Events of branches of periodic orbits, critical orbits and their curves over two parameters, contact signatures."""
+"""Events of branches of periodic orbits, critical orbits and their curves over two parameters, signatures, shocks."""
 
 from .branches import BranchEvent as BranchEvent, OrbitBranch as OrbitBranch
 from .critical import (
@@ -11,5 +11,6 @@ from .critical import (
 )
 from .own_branches import branch_result as branch_result
 from .periodic import PeriodicOrbit as PeriodicOrbit
+from .shocks import orbit_shock as orbit_shock
 from .signature import Signature as Signature, Touchdown as Touchdown
 from .simulate import Peak as Peak, Probe as Probe, Trajectory as Trajectory
