@@ -1,8 +1,8 @@
 """A rail that bends under `independent_run`, written anew with NumPy, to test slipperjax with.
 
-It differs from slipperjax where it can: the rail rests, has two pinned ends and no ring; its modes are sines along the
-rail, and the slipper travels over them; the same adaptive method integrates modes and slipper, without any formula of
-free waves. SI units.
+It differs from slipperjax where it can: the rail rests and has two pinned ends; its modes are sines along the rail, and
+the slipper travels over them; the same adaptive method integrates modes and slipper, without any formula of free
+waves. SI units.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from .independent_run import SIZES, Case
 
 @dataclass
 class BendingCase(Case):
-    """A slipper that begins amid a straight beam on an elastic bed; pairs are of the lateral and vertical direction."""
+    """A slipper that begins amid a straight beam on an elastic bed; pairs: laterally and vertically."""
 
     bending_stiffness: tuple = (1.0, 1.0)
     rail_mass: float = 1.0
