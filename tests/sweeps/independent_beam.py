@@ -1,6 +1,6 @@
 """A rail that bends under `independent_run`, written anew with NumPy, to test slipperjax with.
 
-It differs from slipperjax where it can: the rail rests and has two pinned ends; its modes are sines along the rail, and
+It differs from slipperjax where it can: the rail rests and has two pinned ends; its modes are sines along the rail;
 the slipper travels over them; the same adaptive method integrates modes and slipper, without any formula of free
 waves. SI units.
 """
