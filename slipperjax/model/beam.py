@@ -90,7 +90,8 @@ class Beam(ShapeChecked):
 
     @property
     def wave_numbers(self) -> Float[np.ndarray, " modes"]:
-        """Wave numbers of the modes [rad/m]."""
+        """Wave numbers of the modes [rad/m]: waves come round the ring with their sign turned, so that all are alike
+        and none moves the ring as a whole."""
         return 2 * np.pi / self.ring * (np.arange(int(self.ring / self.shortest)) + 0.5)
 
     def exponents(self, speed: Real) -> tuple[Array, Array]:
@@ -241,6 +242,7 @@ class RailStep(NamedTuple):
         """Return the rails after forces by their two means, see `driven`."""
         total = free.waves
         for force, driven in zip((mean, early), self.driven, strict=True):
+            # one product for each node is faster than the sum of nodes times the response of each wave
             for j in range(force.shape[1]):
                 at_node = force[None, :, j, None, None]
                 total = tuple(wave + part[j] * at_node for wave, part in zip(total, driven, strict=True))
@@ -258,7 +260,7 @@ def weights_of(rail: RailState) -> RailState:
 def pressed(free: RailState, *loads: tuple[Array, Array]) -> RailState:
     """Return rails with the deflections and rates at the nodes by forces, each with its compliance."""
     nodes = range(free.deflection.shape[1])
-    more = sum(each[..., j] * force[:, None, None, j] for each, force in loads for j in nodes)
+    more = jnp.asarray(sum(each[..., j] * force[:, None, None, j] for each, force in loads for j in nodes))
     # stored, or each contact point would compute it again
     deflection, rate = store((free.deflection + more[:, 0], free.rate + more[:, 1]))
     return RailState(deflection, rate, free.waves)
