@@ -9,7 +9,6 @@ The ring is longer than the rail that matters, and its waves must die before the
 at least a damping in proportion to its speed relative to the body: few waves are slow, and these stay where they are.
 """
 
-import functools
 from typing import ClassVar, NamedTuple
 
 import equinox as eqx
@@ -91,8 +90,9 @@ class Beam(ShapeChecked):
 
     @property
     def wave_numbers(self) -> Float[np.ndarray, " modes"]:
-        """Wave numbers of the modes [rad/m]."""
-        return 2 * np.pi / self.ring * np.arange(int(self.ring / self.shortest) + 1.0)
+        """Wave numbers of the modes [rad/m]: waves come round the ring with their sign turned, so that all are alike
+        and none moves the ring as a whole."""
+        return 2 * np.pi / self.ring * (np.arange(int(self.ring / self.shortest)) + 0.5)
 
     def exponents(self, speed: Real) -> tuple[Array, Array]:
         """Return the exponents of the waves without and with the passage of the ring [1/s], and complex,
@@ -123,10 +123,9 @@ class Beam(ShapeChecked):
         each = waves[0] + 1j * waves[1]
         moved, rate = jnp.sum(each, axis=2), jnp.sum(runs[None] * each, axis=2)
         stiffness = self.bending_stiffness[:, None] * k[None] ** 4 + self.bed[:, None]
-        # the mode without waves moves the whole ring, others half of it in the mean
-        share = self.ring * np.where(k > 0, 0.25, 0.5)
         energy = self.mass * jnp.abs(rate) ** 2 + stiffness[None] * jnp.abs(moved) ** 2
-        return jnp.sum(share[None, None] * energy, axis=(1, 2))
+        # the mean square of a wave is a half
+        return self.ring / 4 * jnp.sum(energy, axis=(1, 2))
 
     def step(self, on: Float[np.ndarray, "rails nodes"], places: Array, speed: Real, seconds: Real) -> "RailStep":
         """Return what multiplies the waves in a step.
@@ -137,7 +136,7 @@ class Beam(ShapeChecked):
         k = self.wave_numbers
         _, exponent = self.exponents(speed)
         # a force moves each mode by its share of the ring's mass
-        share = np.where(k > 0, 2.0, 1.0)[None, None] / (self.ring * self.mass)
+        share = 2 / (self.ring * self.mass)
         apart = exponent - exponent[:, ::-1]
         turn = jnp.exp(1j * k[None] * places[:, None])
         shape = on[..., None] * turn[None]
@@ -155,18 +154,24 @@ class Beam(ShapeChecked):
             both = jnp.stack([waves, exponent * waves], axis=1)
             return jnp.einsum("dabn,jln->dajl", both, between).real
 
+        def of_nodes(waves: Array) -> Waves:
+            """Return waves by the force on each node, (nodes, rails, 2, 2, modes)."""
+            return pair(jnp.conj(shape).swapaxes(0, 1)[:, :, None, None] * waves[None, None])
+
         steady = lambda one, two: one
         (half,) = pushed(seconds / 2, steady)
         (whole,) = pushed(seconds, steady)
         # a force linear in time, by its mean and by the mean of the force times the part of the step that is left
         driven = pushed(seconds, lambda one, two: 6 * two - 2 * one, lambda one, two: 6 * one - 12 * two)
         pair = lambda z: (z.real, z.imag)
+        after = felt(whole)
         return RailStep(
             half=felt(half),
-            whole=felt(whole),
+            whole=after,
+            own=jnp.diagonal(after[:, 1], axis1=-2, axis2=-1),
             ends=(felt(driven[0]), felt(driven[1])),
             decay=pair(jnp.exp(exponent * seconds)),
-            driven=(pair(driven[0]), pair(driven[1])),
+            driven=(of_nodes(driven[0]), of_nodes(driven[1])),
             shape=pair(shape),
             exponent=pair(exponent),
             seconds=seconds,
@@ -196,13 +201,15 @@ class RailStep(NamedTuple):
     """Deflection [m/N] and rate [m/s/N] after half the step, of a force that is constant over it."""
     whole: Float[Array, "2 2 nodes nodes"]
     """The same after the step."""
+    own: Float[Array, "2 nodes"]
+    """Rates of `whole` by a force at the same node [m/s/N]."""
     ends: tuple[Array, Array]
     """The same of the two means of a force, see `driven`."""
     decay: Waves
     """Factors of the waves in the step, (2, 2, modes)."""
     driven: tuple[Waves, Waves]
     """Waves after a force with a mean of 1 N, and with a mean of 1 N of the force times the part of the step that is
-    left, (2, 2, modes)."""
+    left, (nodes, rails, 2, 2, modes)."""
     shape: Waves
     """Modes at the nodes, (rails, nodes, modes) [1]."""
     exponent: Waves
@@ -240,11 +247,10 @@ class RailStep(NamedTuple):
         """Return the rails after forces by their two means, see `driven`."""
         total = free.waves
         for force, driven in zip((mean, early), self.driven, strict=True):
-            # the forces of all nodes on each mode
-            push = [part[:, None] * force[None, :, j, None] for j, node in enumerate(self._nodes) for part in node]
-            real, imag = (functools.reduce(jnp.add, push[k::2])[:, :, None] for k in range(2))
-            more = _times((real, -imag), (driven[0][None], driven[1][None]))
-            total = total[0] + more[0], total[1] + more[1]
+            # one product for each node is faster than the sum of nodes times the response of each wave
+            for j in range(force.shape[1]):
+                at_node = force[None, :, j, None, None]
+                total = tuple(wave + part[j] * at_node for wave, part in zip(total, driven, strict=True))
         moved = RailState(free.deflection, free.rate, store(total))
         return pressed(moved, (self.ends[0], mean), (self.ends[1], early))
 
@@ -258,7 +264,8 @@ def weights_of(rail: RailState) -> RailState:
 
 def pressed(free: RailState, *loads: tuple[Array, Array]) -> RailState:
     """Return rails with the deflections and rates at the nodes by forces, each with its compliance."""
-    more = functools.reduce(jnp.add, (jnp.sum(each * force[:, None, None, :], axis=-1) for each, force in loads))
+    nodes = range(free.deflection.shape[1])
+    more = jnp.asarray(sum(each[..., j] * force[:, None, None, j] for each, force in loads for j in nodes))
     # stored, or each contact point would compute it again
     deflection, rate = store((free.deflection + more[:, 0], free.rate + more[:, 1]))
     return RailState(deflection, rate, free.waves)

@@ -155,6 +155,17 @@ def resultants(frame: RailFrame, *loads: Sequence[Array], others: Sequence[Array
         total = sums(*flat, *others)
         wrenches = [total[k : k + 5] for k in range(0, len(flat), 5)]
         return [*wrenches, total[len(flat) :]]
+    if frame.shapes is None and frame.deflection is not None and frame.deflection.shape[-1] == 2:
+        # in the same pass the forces on the front node; the rear node has the rest
+        points = len(flat[0])
+        front = np.arange(points) < points // 2
+        total = sums(*flat, *others, *(jnp.where(front, part, 0.0) for load in loads for part in load[:2]))
+        at_front = total[len(flat) + len(others) :]
+        wrenches = []
+        for k in range(len(loads)):
+            own, push = total[5 * k : 5 * k + 5], jnp.stack(at_front[2 * k : 2 * k + 2])
+            wrenches.append([*own, jnp.stack([-push, push - jnp.stack(own[:2])], axis=1)])
+        return [*wrenches, total[len(flat) : len(flat) + len(others)]]
     # first the force of each slipper, which moves the modes, or of each node
     axes = len(frame.shapes or (0, 0))
     groups = len((frame.shapes or frame.normal)[0]) if frame.deflection is None else frame.deflection.shape[-1]

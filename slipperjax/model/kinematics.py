@@ -569,7 +569,12 @@ def carried(frame: RailFrame, *moves: tuple[Real, Real, Float[Array, " modes"]])
 
 def at_all_points(frame: RailFrame, of_slippers: Sequence[Array]) -> list[Array]:
     """Return values of each slipper or node as values of its points, each of shape (points,)."""
-    each = frame.normal[0].shape[-1] // len(of_slippers[0])
+    points, groups = frame.normal[0].shape[-1], len(of_slippers[0])
+    each = points // groups
+    if groups == 2 and frame.shapes is None:
+        # a selection is faster than places in an array
+        first = np.arange(points) < each
+        return [jnp.where(first, *value) for value in of_slippers]
     return [value.ravel() for value in spread(each, *of_slippers)]
 
 

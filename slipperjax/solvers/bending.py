@@ -1,6 +1,5 @@
 """The rails in a step of `ImpulseRK4`: rigid ones, or rails that bend."""
 
-import jax.numpy as jnp
 from jaxtyping import Array
 
 from ..model.beam import RailState, RailStep, pressed
@@ -70,7 +69,7 @@ class BendingRails(RigidRails):
 
     def compliance(self, frame, own):
         # by the force at the point's own node
-        y, z = at_all_points(frame, jnp.diagonal(self.step.whole[:, 1], axis1=-2, axis2=-1))
+        y, z = at_all_points(frame, self.step.own)
         _, n_y, n_z = frame.normal
         return own + n_y * n_y * y + n_z * n_z * z
 

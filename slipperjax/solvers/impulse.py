@@ -101,7 +101,7 @@ class ImpulseRK4(AbstractLatchingSolver):
         rail = _moving(args, t0)
         frame = bent(rail[0], y0.rail)
         now = contacts(frame, y0.motion)
-        turning = _turning(args, t0, rail, y0.motion)
+        turning = _turning(args, t0, rail, y0)
         return _ended(args, t0, frame, now, turning, y0)
 
     @jax.jit  # diffrax traces it more than once
@@ -170,10 +170,10 @@ def _corrected(
     memory = state.memory
     seconds = dt * args.travel(t1 - 0.5 * dt).period
     straight, _ = rail
-    frame, _ = rails.end(straight, mean, early)
+    frame, bending = rails.end(straight, mean, early)
     now = contacts(frame, m)
     lever = store(now.lever)
-    gap, turning = store((now.gap, _turning(args, t1, rail, m)))
+    gap, turning = store((now.gap, _turning(args, t1, rail, State(m, memory, bending))))
     directions = (*frame.normal[1:], *lever)
 
     def along(y: Array, z: Array, *turn: Array) -> Array:
@@ -350,8 +350,9 @@ def _moving(args: Args, t) -> tuple[RailFrame, RailFrame]:
     return jax.jvp(args.frame, (t,), (jnp.ones_like(t),))
 
 
-def _turning(args: Args, t, rail: tuple[RailFrame, RailFrame], m: Motion) -> Array:
+def _turning(args: Args, t, rail: tuple[RailFrame, RailFrame], y: State) -> Array:
     """Return the gap's true rate minus Eq. (8)'s rate [m/s]; `rail`: from `_moving`."""
     frame, change = rail
-    change = change._replace(arm=frame.arm, shapes=frame.shapes)
-    return contacts(change, m).gap * (1 / args.travel(t).period) + frame.velocity
+    # deflections turn with the normals
+    change = bent(change._replace(arm=frame.arm, shapes=frame.shapes), y.rail)
+    return contacts(change, y.motion).gap * (1 / args.travel(t).period) + frame.velocity

@@ -140,9 +140,20 @@ class Case:
         normal *= np.sign(np.sum(normal * np.concatenate(normals), axis=1, keepdims=True))
         return np.concatenate(positions), np.concatenate(velocities), normal
 
+    @property
+    def sizes(self):
+        """Numbers of the state to which the tolerance is relative."""
+        return SIZES
+
+    def bends(self, state, travel, speed):
+        """Deflections of a rail that bends at the points, and their rates; normals stay those of the rigid rail."""
+        return 0.0, 0.0
+
     def geometry(self, state, travel, speed):
         """Gaps, their rates, normals, arms about the centre, velocities (less the travel's) and attitude."""
         place, velocity, normal = self.track(travel, speed)
+        deflection, its_rate = self.bends(state, travel, speed)
+        place, velocity = place + deflection, velocity + its_rate
         turn = slipper_rotation(*state[2:5])
         arm = self.on_slipper @ turn.T
         moving = np.array([0.0, state[5], state[6]]) + cross(turn @ state[7:10], arm)
@@ -199,15 +210,16 @@ class Result:
     motion: np.ndarray
 
 
-def run(case, start, windows, *, window=1.0, tolerance=1e-8, longest=1e-4):
+def run(case, start, windows, *, window=1.0, tolerance=1e-8, longest=1e-4, sampling=SAMPLING):
     """Runs over a number of windows from ten numbers of motion, from which all points must be open."""
     programme = case.programme
     ends = np.array([programme.when(window * (k + 1)) for k in range(windows)])
     knots = [t for t in programme.times[1:] if t < ends[-1]]
-    state, time, began, leads = np.zeros(51), 0.0, np.zeros(POINTS), np.zeros(POINTS, bool)
+    size = len(case.sizes)
+    state, time, began, leads = np.zeros(size), 0.0, np.zeros(POINTS), np.zeros(POINTS, bool)
     state[MOTION] = start
     assert np.all(case.geometry(state, *programme.at(0, 0.0)[:2])[0] > 0)
-    totals, peaks = np.zeros((windows + 1, 51)), np.zeros((windows, POINTS))
+    totals, peaks = np.zeros((windows + 1, size)), np.zeros((windows, POINTS))
     touchdowns = np.zeros((windows, POINTS), int)
     part = 0
     while time < ends[-1]:
@@ -249,7 +261,7 @@ def run(case, start, windows, *, window=1.0, tolerance=1e-8, longest=1e-4):
             state,
             "DOP853",
             rtol=1e-14 + 1e-3 * tolerance,
-            atol=tolerance * SIZES,
+            atol=tolerance * case.sizes,
             max_step=longest,
             events=events,
             dense_output=True,
@@ -259,7 +271,7 @@ def run(case, start, windows, *, window=1.0, tolerance=1e-8, longest=1e-4):
         inside = (ends > time) & (ends <= stop)
         if np.any(inside):
             totals[1:][inside] = solution.sol(ends[inside]).T
-        instants = np.concatenate([np.linspace(time, stop, 2 + int((stop - time) / SAMPLING)), ends[inside]])
+        instants = np.concatenate([np.linspace(time, stop, 2 + int((stop - time) / sampling)), ends[inside]])
         for t in instants:
             travel, speed, _ = programme.at(part, t)
             gap, rate, *_ = case.geometry(solution.sol(t), travel, speed)
