@@ -139,7 +139,9 @@ def public() -> dict[str, Callable]:
 def rows() -> Iterator[tuple[str, str, Callable]]:
     """Names of a function and of an argument, and the function of that argument alone."""
     for name, function in public().items():
-        named = [one for one in inspect.signature(function).parameters.values() if one.kind is not one.VAR_KEYWORD]
+        every = inspect.signature(function).parameters.values()
+        # those that can be given by name
+        named = [one for one in every if one.kind not in (one.VAR_KEYWORD, one.VAR_POSITIONAL)]
         known = FINE | OWN.get(name, {})
         needed = {one.name: known.get(one.name) for one in named if one.default is one.empty}
         for one in named:
