@@ -98,6 +98,7 @@ NOT_ASKED = {
     "ode_spectrum": ["args", "state"],
     "RandomTrack": ["first"],
     # answer by another argument that is missing, or have other arguments than their signatures say
+    "animate_bending": ["reach"],
     "extend": ["branch"],
     "continue_event": ["branch"],
     "critical_motion": ["motions"],

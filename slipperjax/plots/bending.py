@@ -61,9 +61,9 @@ def animate_bending(
 
     **Returns:** a `matplotlib.animation.FuncAnimation`.
     """
-    require(runs, "runs", "be one run or several", shown="none")
     every = whole("every", every, 1)
     interval = 1e3 / number(positive, "fps", fps)  # in ms
+    require(runs, "runs", "be one run or several", shown="none")
     pictures = [_Rails(run, reach) for run in runs]
     counts = {len(run.period) for run in runs}
     require(len(counts) == 1, "runs", "have equally many saved states", shown=f"of {sorted(counts)}")
