@@ -55,7 +55,7 @@ def test_one_instant(run):
     ax = plots.bending(run, at=1e-3, reach=4.0)
     assert ax.get_xlim() == (-4.0, 4.0)
     assert "1.00 ms" in ax.texts[0].get_text()
-    assert ax.get_ylabel() == "deflection of the rail [mm]"
+    assert ax.get_ylabel() == "deflection [mm]"
 
 
 def test_wrong_arguments_are_named(run):
