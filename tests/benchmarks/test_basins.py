@@ -19,9 +19,8 @@ def compared(name, few, many, stderr):
     apart = (few - many) / stderr
     print(f"\n{name}")
     for k, errors in enumerate(apart):
-        print(
-            f"attractor {k}: {few[k]:.4f} +- {stderr[k]:.4f}, of {MANY} starts {many[k]:.4f}, {errors:+.2f} errors apart"
-        )
+        print(f"attractor {k}: {few[k]:.4f} +- {stderr[k]:.4f}", end=", ")
+        print(f"of {MANY} starts {many[k]:.4f}, {errors:+.2f} errors apart")
     return np.abs(apart).max()
 
 
