@@ -329,14 +329,10 @@ def normal_form(
     one_of("label", label, tuple(FORMS))
     _, order, coefficients = FORMS[label]
     if order > motions.derivatives:
-        raise ValueError(f"Argument `label` must need at most {reason(motions)}, but {label} needs order {order}.")
+        most = f"derivatives of order {motions.derivatives}, which are all that the map has"
+        raise ValueError(f"Argument `label` must need at most {most}, but {label} needs order {order}.")
     z = np.asarray(motions.unknowns(state, *np.ravel(np.asarray(value, float))))
     return {name: _plain(number) for name, number in coefficients(form_at(motions, z, label)).items()}
-
-
-def reason(motions: PeriodicMotions) -> str:
-    """Return the order of the derivatives that motions have, in words."""
-    return f"derivatives of order {motions.derivatives}, which are all that the map has"
 
 
 def _plain(number: Number) -> Number:

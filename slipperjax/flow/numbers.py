@@ -20,6 +20,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int, PyTree
 
 from ..model.dynamics import static_loads
+from ..model.parameters import DIRECTIONS
 from ..model.quantities import ACCELERATIONS, COORDINATES, LOADS, SLIPPER_LOADS, Quantity
 from ..model.scene import Scene
 from ..tools.batching import Batched
@@ -468,10 +469,6 @@ def _of_slippers() -> Iterator[AbstractQuantityRecord]:
         dims=("slipper",),
         samples=lambda c: jax.vmap(functools.partial(ratio, c))(load(c).samples),
     )
-
-
-DIRECTIONS = ("lateral", "vertical")
-"""Labels of a dimension of directions."""
 
 
 def _records() -> Iterator[AbstractQuantityRecord]:

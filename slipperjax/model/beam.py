@@ -89,6 +89,11 @@ class Beam(ShapeChecked):
         return cls(YOUNG_OF_STEEL * inertia * INCH**4, mass, (bed, bed), (damping, damping))
 
     @property
+    def critical_speed(self) -> Pair:
+        """Speeds at which a load outruns its waves, lateral and vertical, without damping [m/s]."""
+        return (4 * self.bed * self.bending_stiffness / self.mass**2) ** 0.25
+
+    @property
     def wave_numbers(self) -> Float[np.ndarray, " modes"]:
         """Wave numbers of the modes [rad/m]: waves come round the ring with their sign turned, so that all are alike
         and none moves the ring as a whole."""

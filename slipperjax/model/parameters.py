@@ -32,7 +32,7 @@ AnyScene = TypeVar("AnyScene", bound=eqx.Module)
 
 
 DIRECTIONS = ("lateral", "vertical")
-"""Names of directions of play."""
+"""Names of directions across the rail: of play, and in which rails bend."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -1,5 +1,6 @@
 """How rails bend around a sled: deflections over the distance ahead of it, at one instant and in motion."""
 
+import functools
 from typing import TYPE_CHECKING
 
 import matplotlib.pyplot as plt
@@ -11,6 +12,7 @@ from matplotlib.lines import Line2D
 
 from ..model.dynamics import State
 from ..model.kinematics import contact_points
+from ..model.parameters import DIRECTIONS
 from ..model.quantities import Quantity
 from ..tools.checks import finite, number, positive, require, whole
 from .style import drawing, legend_above, page_width, styled, with_unit
@@ -20,7 +22,6 @@ if TYPE_CHECKING:
     import matplotlib.animation
 
 DEFLECTION = Quantity("deflection", "m", "deflection of the rail", shown_unit="mm")
-DIRECTIONS = ("lateral", "vertical")
 REACH = 8.0
 """Length of rail that is drawn ahead of and behind the sled [m]."""
 
@@ -107,13 +108,12 @@ class _Rails:
         # rounding errors of a motion in one direction are none of the other
         self.directions = np.flatnonzero(moved > 1e-6 * moved.max())
 
-    @property
+    @functools.cached_property
     def speed(self) -> str:
         """The speed, and how it compares to those at which waves travel with a load."""
         scene = self.run.scene
-        beam = scene.beam
-        critical = (4 * np.asarray(beam.bed * beam.bending_stiffness) / float(beam.mass) ** 2) ** 0.25
-        ratios = " and ".join(f"{float(scene.speed) / one:.2g}" for one in critical[self.directions])
+        critical = np.asarray(scene.beam.critical_speed)[self.directions]
+        ratios = " and ".join(f"{float(scene.speed) / one:.2g}" for one in critical)
         return f"{float(scene.speed):g} m/s, {ratios} of the critical speed"
 
     def shapes(self, k: int) -> Float[np.ndarray, "rails 2 places"]:
