@@ -94,7 +94,7 @@ def telemetry(
 
     - over `frequency`, the middles of bands: `density` [(m/s^2)^2/Hz];
     - over `natural_frequency`: `shock_response` [m/s^2];
-    - over `distance`, the middles of windows [m]: `rms` in the bands up to `known_to` [Hz] [m/s^2];
+    - over `distance`, the middles of windows [m]: `rms` in the bands up to `known_to` [Hz], in m/s^2;
     - `total_rms` of all windows [m/s^2].
 
     With rails `density_inside`, `shock_response_inside` and `rms_inside` are the shares of bands, frequencies and
