@@ -316,22 +316,22 @@ def _edge(
     """
     start = path.gap.start
     touches = (gap < 0) & ((start >= 0) if memory is None else (memory == 0))
-    ends = (gap >= 0) & (start < 0)
-    wanted = bends = touches | ends
-    cubic = path.gap
-    end = gap
+    opens = (gap >= 0) & (start < 0)
+    # 1 where the force begins, -1 where it ends, 0 where it does neither: numbers, because XLA handles arrays of truth
+    # values one value at a time
+    kind = jnp.where(touches, 1.0, jnp.where(opens, -1.0, 0.0))
+    limit = 0.0
     if scene.contact.clamp:
-        # damping ends the force of a closed contact, or lets the force begin again, where 1 + damping ratio is zero
+        # twice these numbers where damping ends the force of a closed contact, or lets the force begin again: there
+        # 1 + damping ratio is zero
         one, other = (1 + damping_ratios(scene, v, memory) for v in (path.rate, rate))
         limited = (start < 0) & (one * other < 0)
-        ends = jnp.where(limited, other < 0, ends)
-        line = Cubic(one, other - one, 0.0, 0.0)
-        cubic = Cubic(*(jnp.where(limited, v, u) for u, v in zip(cubic, line, strict=True)))
-        end = jnp.where(limited, other, end)
-        wanted = bends | limited
-        bends = bends & ~limited
-    place = sign_change(cubic, end, wanted)
-    return place, jnp.where(ends, -place, 1 - place), touches, bends
+        kind = jnp.where(limited, jnp.where(other < 0, -2.0, 2.0), kind)
+        limit = jnp.where(limited, one / jnp.where(limited, one - other, 1.0), 0.0)
+    kind = store(kind)
+    bends = kind * kind == 1
+    place = store(jnp.where(bends, sign_change(path.gap, gap, bends), limit))
+    return place, jnp.where(kind < 0, -place, 1 - place), kind == 1, bends
 
 
 def _pressing(scene: Scene, path: _Path, gap: Array, rate: Array, x: Array) -> Array:

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from .forms import store
 from .types import Real
 
 Values = TypeVar("Values", np.ndarray, Array)
@@ -97,8 +98,9 @@ def sign_change(cubic: Cubic, end: Array, wanted: Bool[Array, "..."]) -> Array:
     start = cubic.start
     slope = cubic.slope
     falls = start > end
-    x = _to_zero(start, slope, end - start - slope, falls)
-    x = x + _to_zero(cubic.value(x), cubic.slope_at(x), 3 * cubic.cube * x + cubic.square, falls)
+    # stored, because a processor overlaps the points of several short loops better than those of a long one
+    x = store(_to_zero(start, slope, end - start - slope, falls))
+    x = store(x + _to_zero(cubic.value(x), cubic.slope_at(x), 3 * cubic.cube * x + cubic.square, falls))
     value = cubic.value(x)
     steep = cubic.slope_at(x)
     x = x - value * steep / (steep * steep - value * (3 * cubic.cube * x + cubic.square))
