@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 
 pytestmark = pytest.mark.benchmark
-LANES, STEPS, PERIODS, POINTS = 128, 50, 8, 20
+LANES, STEPS, PERIODS, POINTS = 124, 50, 8, 20
 RATES = {"all instructions": 6, "loads": 2, "stores": 1, "products": 2, "sums": 2, "divisions and roots": 1}
 """Vector instructions in a cycle, of a core such as Zen 4 and Golden Cove; a product with a sum is one."""
 DIVISION, ROOT = 4.5, 8.0
@@ -31,7 +31,7 @@ from slipperjax.flow.period_map import PeriodMap, initial_states
 from slipperjax.flow.stepping import ConstantSteps
 from slipperjax.sweeps.grid import Cases
 from slipperjax.tools.forms import compiler_options
-solver, grid = getattr(sj, sys.argv[1])(), {{"speed": np.linspace(1200, 1300, {LANES})}}
+solver, grid = getattr(sj.solvers, sys.argv[1])(), {{"speed": np.linspace(1200, 1300, {LANES})}}
 scenes, starts = Cases(sj.paper_scene(1250.0), grid, sj.table_2_start()).take(np.arange({LANES}))
 states = initial_states(scenes, starts)
 one = lambda scene, state: PeriodMap(scene, ConstantSteps({STEPS}), solver).run(state, periods={PERIODS}).state

@@ -6,7 +6,7 @@ import pytest
 import slipperjax as sj
 from slipperjax.flow.record import History, RecordSet
 from slipperjax.sweeps.call import Call, make_plan
-from slipperjax.sweeps.grid import Grid
+from slipperjax.sweeps.grid import Grid, batch_size
 from slipperjax.sweeps.schedule import joint_profiles
 
 
@@ -37,6 +37,15 @@ def test_saves_divide_every_cases_steps_which_may_be_a_list_or_an_array_of_the_g
     assert plan_of(two, [200, 100]).records == RecordSet((History(50),))
     assert plan_of(two, np.array([60, 90])).records == RecordSet((History(30),))
     assert plan_of(two | three, np.arange(1, 7).reshape(2, 3)).steps.tolist() == [1, 2, 3, 4, 5, 6]
+
+
+def test_sizes_of_batches_are_few_and_avoid_multiples_of_128():
+    sizes = [batch_size(count) for count in range(1, 1025)]
+    assert sizes[:129:16] == [8, 24, 40, 56, 80, 96, 112, 124, 160]
+    assert sizes[124:128] == [132] * 4
+    assert all(batch_size(size) == size >= count for count, size in enumerate(sizes, 1))
+    assert not any(size % 128 == 0 for size in sizes)
+    assert len(set(sizes)) <= 8 * np.log2(1024)
 
 
 def test_wrong_steps_of_cases_are_refused():
