@@ -41,7 +41,7 @@ from ..tools.columns import column
 from ..tools.compile import call_compiled
 from ..tools.progress import bar as progress_bar
 from ..tools.types import Real
-from .motions import check_forcing, slipper_motions
+from .motions import check_forcing, slipper_motions, with_steps
 from .periodic import TOLERANCE, PeriodicOrbit, periodic_orbit
 from .signature import Gaps, GapSamples, Grazing, Signature, grazing, signature
 from .simulate import Trajectory, default_steps, dynamic_steps
@@ -237,8 +237,7 @@ class _Settings:
         """Return the touchdowns and margins of an orbit for the search of grazings, with an `OrbitView` as data."""
         # a second program of the equations, which keeps samples inside the periods
         steps = self.call["steps_per_period"]
-        family = dataclasses.replace(self.equations.family, stepping=dynamic_steps(steps, most=steps))
-        equations = dataclasses.replace(self.equations, family=family)
+        equations = with_steps(self.equations, steps, most=steps)
         records = RecordSet((GapSamples(), PoincareSections()))
         ((gap, rate), crossed), period = call_compiled(_samples, equations, (records,), jnp.asarray(node.z))
         gaps = Gaps.of(gap, rate, steps, float(period))
