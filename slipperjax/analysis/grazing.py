@@ -23,9 +23,9 @@ from ..tools.checks import instance, one_of, require
 from ..tools.compile import call_compiled
 from ..tools.types import Real
 from .arclength import Node, Pace, checked_bounds, correct
-from .continuation import Branch, End, begun, check_found, extend
+from .continuation import Branch, check_found, followed
 from .critical import CRITICAL_MULTIPLIERS, AbstractExtended
-from .events import Event, EventSearch, NoSearch, observed
+from .events import Event, NoSearch, observed
 from .hybrid import ImpactStep, along, rk4
 from .newton import AbstractEquations, Linearisation
 from .shooting import PeriodicMotions
@@ -36,6 +36,10 @@ TOUCH = -1e-9
 """Least gap in flight, as a share of the greatest gap; below it the motion touches once more."""
 SLOWEST = 1e-12
 """Least rate of an impact for a finite multiplier."""
+
+
+FREE = -np.inf, np.inf
+"""Bounds of unknowns without bounds."""
 
 
 class GrazingMotions(AbstractExtended):
@@ -116,7 +120,9 @@ class LeavingMotions(GrazingMotions):
         y, begin, end = self.span(z)
         step = self.motions.step(z)
         field = step.field(begin, y)
-        fall = jnp.maximum(jnp.abs(z[self.motions.size + 3]), SLOWEST)
+        rate = z[self.motions.size + 3]
+        # an impact without a rate has no finite multipliers
+        fall = jnp.where(rate > SLOWEST, rate, jnp.nan)
         gradient = jax.grad(lambda y: step.surface(begin, y))(y)
 
         # a change at a fixed instant before the impact moves the impact
@@ -127,10 +133,17 @@ class LeavingMotions(GrazingMotions):
         return jax.vmap(push, out_axes=1)(jnp.eye(y.size))
 
 
-class LeavingSearch(EventSearch):
-    """Search for the points of a curve of grazings where curves of folds and flips of one-impact motions leave."""
+class OneTouch(NoSearch):
+    """No search for events, on curves that end where the motion touches the stop a second time."""
 
-    smooth = False
+    def ends(self, node: Node) -> str:
+        # the last gap is that of the touch
+        gaps = np.asarray(call_compiled(_gaps, self.equations, (), jnp.asarray(node.z)))[:-1]
+        return "second touch" if gaps.min() < TOUCH * np.abs(gaps).max() else ""
+
+
+class LeavingSearch(OneTouch):
+    """Search for the points of a curve of grazings where curves of folds and flips of one-impact motions leave."""
 
     def between(self, a: Node, b: Node) -> list[Event]:
         return [event for label in LEAVING if (event := self.leaving(label, a, b)) is not None]
@@ -198,10 +211,10 @@ def continue_grazing(
     row = equations.weights(z)[1].at[: motions.size].set(0.0) ** 2
     first = correct(equations, z, row, tolerance=tolerance, iterations=20)
     check_found("state", "a motion that grazes the stop", first, tolerance)
-    start = begun(equations, observed(first, None), pace)
-    free = (-np.inf, np.inf)
-    curve = extend(start, *limits, free, free, tolerance=tolerance, pace=pace, search=LeavingSearch, points=points)
-    return _cut(curve, first)
+    once = not LeavingSearch(equations, None, tolerance).ends(first)
+    require(once, "state", "lead to a motion that touches the stop once", "one that touches it twice")
+    options = dict(tolerance=tolerance, pace=pace, points=points)
+    return followed(equations, first, *limits, FREE, FREE, search=LeavingSearch, **options)
 
 
 def leave_grazing(
@@ -226,11 +239,14 @@ def leave_grazing(
     one_of("event", event.label, tuple(f"GR{label}" for label in LEAVING))
     limits = [checked_bounds(pair) for pair in bounds]
     equations, first = _left(curve.equations, event.node.z, event.label[2:], tolerance)
-    free = (-np.inf, np.inf)
-    further = [free, (0.0, np.inf), *[free] * (equations.further - 2)]
-    start = begun(equations, observed(first, None), pace, ways=(1,))
-    found = extend(start, *limits, *further, tolerance=tolerance, pace=pace, search=NoSearch, points=points)
-    return _cut(found, first)
+    further = [FREE, (0.0, np.inf), *[FREE] * (equations.further - 2)]
+    options = dict(ways=(1,), tolerance=tolerance, pace=pace, points=points)
+    curve = followed(equations, first, *limits, *further, search=OneTouch, **options)
+    back, ahead = curve.ends
+    # the bound of the rate
+    if ahead.reason == "bound" and curve.nodes[-1].z[equations.motions.size + 3] <= SLOWEST:
+        ahead = ahead._replace(reason="grazing")
+    return dataclasses.replace(curve, ends=(back, ahead))
 
 
 def _least(equations: GrazingMotions, static: tuple, z: Array) -> Array:
@@ -247,48 +263,14 @@ def _gaps(equations: GrazingMotions, static: tuple, z: Array) -> Array:
     return equations.flight(z, begin, end, equations.motions.step(z).reset(begin, y))[1]
 
 
-def _cut(curve: Branch, start: Node) -> Branch:
-    """Return the part of a curve around its start in which the motion touches the stop only once."""
-    assert isinstance(curve.equations, GrazingMotions)
-    rate = curve.equations.motions.size + 3
-
-    def twice(node: Node) -> bool:
-        # the last gap is that of the touch
-        gaps = np.asarray(call_compiled(_gaps, curve.equations, (), jnp.asarray(node.z)))[:-1]
-        return bool(gaps.min() < TOUCH * np.abs(gaps).max())
-
-    nodes = curve.nodes
-    begin = next(k for k, node in enumerate(nodes) if node.z is start.z)
-    others = np.flatnonzero([twice(node) for node in nodes])
-    require(begin not in others, "state", "lead to a motion that touches the stop once", "one that touches it twice")
-    low, high = max(others[others < begin], default=-1), min(others[others > begin], default=len(nodes))
-
-    def grazes(node: Node) -> bool:
-        return curve.equations.label in LEAVING and bool(node.z[rate] < SLOWEST)
-
-    def end(known: End, node: Node, lost: bool) -> End:
-        # a curve of impacts ends where their rate is at its bound
-        grazing = known.reason == "bound" and grazes(node)
-        return known._replace(reason="second touch" if lost else "grazing" if grazing else known.reason)
-
-    ends = end(curve.ends[0], nodes[0], low >= 0), end(curve.ends[1], nodes[-1], high < len(nodes))
-    # an impact without a rate has no finite multipliers
-    none = np.full(curve.equations.motions.size, complex(np.nan))
-    nodes = tuple(node._replace(multipliers=none) if grazes(node) else node for node in nodes[low + 1 : high])
-    kept = {id(node.z) for node in nodes}
-    events = tuple(event for event in curve.events if id(event.node.z) in kept)
-    return dataclasses.replace(curve, nodes=nodes, ends=ends, events=events)
-
-
-def _pencils(equations: GrazingMotions, static: tuple, z: Array) -> Array:
-    """Return the matrices of the module's equations for the multipliers of `LEAVING`."""
-    of = lambda label: jax.vmap(lambda v: equations.linearised(z, CRITICAL_MULTIPLIERS[label], v), out_axes=1)
-    return jnp.stack([of(label)(jnp.eye(equations.motions.size + 1)) for label in LEAVING])
-
-
 def _pencil(equations: AbstractEquations, z: np.ndarray, label: str) -> np.ndarray:
     """Return the matrix of the module's equations for one of `LEAVING`."""
-    return np.asarray(call_compiled(_pencils, equations, (), jnp.asarray(z)))[LEAVING.index(label)]
+    mu = jnp.asarray(CRITICAL_MULTIPLIERS[label])
+    return np.asarray(call_compiled(_matrix, equations, (), jnp.asarray(z), mu))
+
+
+def _matrix(equations: GrazingMotions, static: tuple, z: Array, mu: Array) -> Array:
+    return jax.vmap(lambda v: equations.linearised(z, mu, v), out_axes=1)(jnp.eye(equations.motions.size + 1))
 
 
 def _left(

@@ -114,6 +114,11 @@ class OrbitBranch(Result):
         return parameter(load_call(self.ds)["parameter"], self.scene)
 
     @property
+    def equations(self) -> PeriodicMotions:
+        """Equations of the orbits."""
+        return _Settings.of(self).equations
+
+    @property
     def period(self) -> int:
         """Forcing periods after which the orbits recur [1]."""
         return int(self.ds.attrs["orbit_period"])
@@ -386,12 +391,9 @@ def curve_columns(curve: Branch, unit: str) -> dict[str, tuple]:
     """Return the variables of `event_columns` and the coefficients of normal forms, each with its error, as JSON."""
     texts = []
     for event in curve.events:
-        parts = lambda name, event=event: (
-            np.real(event.coefficients[name]),
-            np.imag(event.coefficients[name]),
-            event.stderr.get(name, 0.0),
-        )
-        texts.append(json.dumps({name: [float(part) for part in parts(name)] for name in event.coefficients}))
+        numbers = {name: complex(number) for name, number in event.coefficients.items()}
+        parts = {name: (at.real, at.imag, event.stderr.get(name, 0.0)) for name, at in numbers.items()}
+        texts.append(json.dumps(parts))
     text = "coefficients of the normal form: real part, imaginary part and error, by name"
     errors = [json.dumps(dict(event.stderr)) for event in curve.events]
     return event_columns(curve, unit) | {

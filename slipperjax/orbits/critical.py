@@ -440,9 +440,7 @@ def orbit_form(branch: OrbitBranch, event: BranchEvent) -> tuple[dict[str, compl
     one_of("event", event.label, tuple(CRITICAL_MULTIPLIERS))
     orbit = branch.orbit(event)
     steps = load_call(branch.ds)["steps_per_period"]
-    options = dict(stepping=dynamic_steps(steps), solver=orbit.solver, period=branch.period)
-    motions = slipper_motions(branch.scene, (branch.parameter.name,), (1.0,), orbit.state, **options)
-    return _form(motions, orbit.state, (event.value,), event.label, steps)
+    return _form(branch.equations, orbit.state, (event.value,), event.label, steps)
 
 
 def _extreme_at(
