@@ -51,7 +51,7 @@ def test_wrong_branches_are_one_line(branch):
 
 def test_a_curve_of_grazings_says_its_points_with_their_errors():
     # by hand, so that nothing is compiled
-    motions = analysis.PeriodicMotions(lambda a, b: HENON(a), jnp.zeros(1), jnp.ones(2))
+    motions = analysis.PeriodicMotions(lambda a, b: HENON(a), np.zeros(1), np.ones(2))
     nodes = []
     for a, label in ((1.0, ""), (2.0, "GRLP"), (3.0, "")):
         z = np.array([0.5, a, 10 * a, 0.0, 0.0])
