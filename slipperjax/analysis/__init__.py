@@ -30,11 +30,7 @@ from .environment import (
 )
 from .events import Event as Event
 from .floquet import jacobians as jacobians, largest_exponent as largest_exponent, multipliers as multipliers
-from .grazing import (
-    GrazingPoint as GrazingPoint,
-    continue_grazing as continue_grazing,
-    leave_grazing as leave_grazing,
-)
+from .grazing import continue_grazing as continue_grazing, leave_grazing as leave_grazing
 from .hybrid import impact_step as impact_step, return_step as return_step, switched_step as switched_step
 from .kinds import KINDS as KINDS, REGIMES as REGIMES, Regime as Regime, lasting as lasting
 from .leaving import switch_critical as switch_critical

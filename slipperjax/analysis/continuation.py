@@ -4,7 +4,7 @@ import contextlib
 import dataclasses
 import inspect
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -14,7 +14,7 @@ from ..tools.checks import instance, require, shown_number, whole
 from .arclength import Node, Pace, Walk, check_within, checked_bounds, correct, evaluated, passes
 from .ends import end_without_convergence
 from .events import Event, EventSearch, Observe, observed
-from .floquet import product
+from .floquet import eigenvector
 from .newton import AbstractEquations
 from .shooting import PeriodicMotions
 
@@ -140,8 +140,7 @@ def continue_motion(
         row = np.append(np.zeros(z.size - 1), 1.0)
         start = correct(equations, z, row, tolerance=tolerance, iterations=30)
     check_found("start", "a periodic motion", start, tolerance)
-    begin = begun(equations, observed(start, observe), pace, ways)
-    return extend(begin, bounds, tolerance=tolerance, pace=pace, observe=observe, **options)
+    return followed(equations, start, bounds, ways=ways, tolerance=tolerance, pace=pace, observe=observe, **options)
 
 
 def check_found(name: str, sought: str, point: Node, tolerance: float) -> None:
@@ -150,15 +149,19 @@ def check_found(name: str, sought: str, point: Node, tolerance: float) -> None:
     require(point.residual <= tolerance, name, f"be near {sought}", shown=ended)
 
 
-def begun(
+def followed(
     equations: AbstractEquations,
     start: Node,
-    pace: Pace,
+    *bounds: tuple[float, float],
     ways: Sequence[int] = (1, -1),
+    pace: Pace = Pace(),
+    observe: Observe | None = None,
+    **options: Any,
 ) -> Branch:
-    """Return a branch of one point, which `extend` follows in these `ways`."""
+    """Return the branch through a point, followed in these `ways`; `bounds`, `options`: as for `extend`."""
     back, ahead = (End("count" if way in ways else "", pace.first) for way in (-1, 1))
-    return Branch(equations, (start,), (), (back, ahead))
+    begin = Branch(equations, (observed(start, observe),), (), (back, ahead))
+    return extend(begin, *bounds, pace=pace, observe=observe, **options)
 
 
 def extend(
@@ -217,6 +220,8 @@ def _extended(branch, walk, search, most, until, on_point):
         """Add a point, and the events before it; return the reason why the branch ends here, if any."""
         last = nodes[-1]
         new = observed(point, search.observe)
+        if why := search.ends(new):
+            return why
         between = search.between(last, new)
         events.extend(between)
         nodes.extend(event.node for event in between)
@@ -284,8 +289,7 @@ def switch(
     if event.label == "PD":
         equations = dataclasses.replace(equations, intervals=2 * equations.intervals)
         # along the eigenvector of the multiplier -1
-        values, vectors = np.linalg.eig(product(np.asarray(point.matrices)))
-        direction = np.append(vectors[:, np.argmin(np.abs(values + 1))].real, 0.0)
+        direction = np.append(eigenvector(np.asarray(point.matrices), -1.0).real, 0.0)
     else:
         direction = _across(equations, point)
     direction = direction / point.length(direction)

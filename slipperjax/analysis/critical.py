@@ -23,9 +23,9 @@ from ..tools.compile import call_compiled
 from ..tools.tracing import is_transformed
 from ..tools.types import Real
 from .arclength import Node, Pace, check_within, checked_bounds, correct
-from .continuation import Branch, begun, check_found, extend
+from .continuation import Branch, check_found, followed
 from .degenerate import PointSearch, resonant_end
-from .events import NoSearch, observed, resonance
+from .events import NoSearch, resonance
 from .floquet import product, solve
 from .newton import AbstractEquations, Linearisation, NullVectors, newton, without_derivatives
 from .shooting import PeriodicMotions, Shot
@@ -291,27 +291,25 @@ def continue_critical(
         # before these angles; the error of the parameters there is the square of this distance.
         pair = np.pi * np.floor(first.z[-1] / np.pi) + [1e-3, np.pi - 1e-3]
         limits.append(tuple(pair))
-    begin = begun(equations.update(first.z, first.null_vectors), observed(first, None), pace, ways)
-    search = PointSearch if isinstance(equations, CriticalMotions) else NoSearch
-    curve = extend(begin, *limits, tolerance=tolerance, pace=pace, search=search, **options)
+    options |= dict(search=PointSearch if isinstance(equations, CriticalMotions) else NoSearch)
+    near = equations.update(first.z, first.null_vectors)
+    curve = followed(near, first, *limits, ways=ways, tolerance=tolerance, pace=pace, **options)
     # both ends in turn
     for _ in range(2):
         curve = _resonant(curve, bounds, tolerance).turned() if equations.further else curve
     return curve
 
 
-def located(
-    equations: CriticalMotions | ConditionedMotions, z: Array, row: Array, near: Array | None = None, **options: float
-) -> Node:
+def located(equations: CriticalMotions | ConditionedMotions, z: Array, row: Array, **options: float) -> Node:
     """Return the point of a curve near `z` on the plane across `row`; equations with arbitrary borders converge, too.
 
-    **Arguments:** `near`, `options`: as for `correct`.
+    **Arguments:** `options`: as for `correct`.
     """
     # The borders become null vectors at the start. With zero iterations `correct` only evaluates the equations; its
     # program is needed later in any case.
     for _ in range(BORDER_UPDATES):
-        equations = equations.update(z, correct(equations, z, row, near, iterations=0, **options).null_vectors)
-    return correct(equations, z, row, near, iterations=20, **options)
+        equations = equations.update(z, correct(equations, z, row, iterations=0, **options).null_vectors)
+    return correct(equations, z, row, iterations=20, **options)
 
 
 def _resonant(curve: Branch, bounds: tuple[tuple[float, float], tuple[float, float]], tolerance: float) -> Branch:

@@ -28,8 +28,10 @@ POINTS = {
     "LPNS": "fold and Neimark-Sacker",
     "PDNS": "flip and Neimark-Sacker",
     "NSNS": "two Neimark-Sackers",
+    "GRLP": "grazing where folds leave",
+    "GRPD": "grazing where flips leave",
 }
-"""Labels of points of codimension two, as in MatContM, with their meanings."""
+"""Labels of points of codimension two, as in MatContM but for grazings, with their meanings."""
 ZERO = 1e-3
 """Greatest value of a test function at its zero, as a share of its values before and behind. It is larger at a pole
 or a jump, which also changes the sign."""

@@ -126,6 +126,10 @@ class EventSearch(NamedTuple):
         """Return the located events in the step of a branch from a to b, in their order."""
         return self._replace(conserved=a.conserved and b.conserved).events(a, b)
 
+    def ends(self, node: Node) -> str:
+        """Return why a branch ends before a point; empty where it goes on."""
+        return ""
+
     def at(self, share: float, a: Node, b: Node) -> Node | None:
         """Return the branch's point on the plane across the chord, at a share of the way from a to b, or None."""
         chord = b.z - a.z

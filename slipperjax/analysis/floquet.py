@@ -82,6 +82,12 @@ def product(
     return functools.reduce(_after, np.asarray(matrices))
 
 
+def eigenvector(matrices: Float[np.ndarray, "intervals size size"], multiplier: complex) -> np.ndarray:
+    """Return the right eigenvector of the product of successive Jacobians that belongs to the nearest multiplier."""
+    values, vectors = np.linalg.eig(product(matrices))
+    return vectors[:, np.argmin(np.abs(values - multiplier))]
+
+
 def multipliers(
     matrices: Float[Array | np.ndarray, "intervals size size"],
 ) -> Complex[Array | np.ndarray, " size"]:

@@ -11,7 +11,6 @@ Simpson and Ghosh 2026 (arXiv 2602.22797) treat the points at which it has a sol
 """
 
 import dataclasses
-from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -20,15 +19,15 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, PyTree
 
-from ..tools.checks import instance, require
+from ..tools.checks import instance, one_of, require
 from ..tools.compile import call_compiled
 from ..tools.types import Real
 from .arclength import Node, Pace, checked_bounds, correct
-from .continuation import Branch, End, begun, check_found, extend
+from .continuation import Branch, check_found, followed
 from .critical import CRITICAL_MULTIPLIERS, AbstractExtended
-from .events import NoSearch, observed
+from .events import Event, NoSearch, observed
 from .hybrid import ImpactStep, along, rk4
-from .newton import Linearisation
+from .newton import AbstractEquations, Linearisation
 from .shooting import PeriodicMotions
 
 LEAVING = "LP", "PD"
@@ -39,9 +38,16 @@ SLOWEST = 1e-12
 """Least rate of an impact for a finite multiplier."""
 
 
+FREE = -np.inf, np.inf
+"""Bounds of unknowns without bounds."""
+
+
 class GrazingMotions(AbstractExtended):
     """Motions that graze. The unknowns are the state at the touch, the parameters, the instant of the touch, and the
     rate with which the gap falls there."""
+
+    label: str = eqx.field(static=True, default="GR")
+    """"GR", or one of `LEAVING`."""
 
     @property
     def further(self) -> int:
@@ -102,9 +108,6 @@ class GrazingMotions(AbstractExtended):
 class LeavingMotions(GrazingMotions):
     """Folds and flips of motions with one impact. Further unknowns are a null vector of the linearised equations."""
 
-    label: str = eqx.field(static=True)
-    """One of `LEAVING`."""
-
     @property
     def further(self) -> int:
         return self.motions.size + 3
@@ -117,7 +120,9 @@ class LeavingMotions(GrazingMotions):
         y, begin, end = self.span(z)
         step = self.motions.step(z)
         field = step.field(begin, y)
-        fall = jnp.maximum(jnp.abs(z[self.motions.size + 3]), SLOWEST)
+        rate = z[self.motions.size + 3]
+        # an impact without a rate has no finite multipliers
+        fall = jnp.where(rate > SLOWEST, rate, jnp.nan)
         gradient = jax.grad(lambda y: step.surface(begin, y))(y)
 
         # a change at a fixed instant before the impact moves the impact
@@ -128,22 +133,42 @@ class LeavingMotions(GrazingMotions):
         return jax.vmap(push, out_axes=1)(jnp.eye(y.size))
 
 
-class GrazingPoint(NamedTuple):
-    """A point of a curve of grazings where a curve of folds or flips of one-impact motions leaves."""
+class OneTouch(NoSearch):
+    """No search for events, on curves that end where the motion touches the stop a second time."""
 
-    label: str
-    """"GRLP" or "GRPD"."""
-    values: np.ndarray
-    """Values of both parameters."""
-    state: np.ndarray
-    """State at the touch."""
-    coefficients: dict[str, float]
-    """`quadratic`: c in p2 - p2 of the grazings = c (p1 - p1 of this point)^2 for the parameters p1 and p2 along the
-    leaving curve. `rate`: rate of the impact per change of p1 along it; its sign tells the side of p1 on which the
-    curve exists, because the rate is positive."""
-    node: Node
-    """First point of the leaving curve, whose tangent points along it."""
-    equations: LeavingMotions
+    def ends(self, node: Node) -> str:
+        # the last gap is that of the touch
+        gaps = np.asarray(call_compiled(_gaps, self.equations, (), jnp.asarray(node.z)))[:-1]
+        return "second touch" if gaps.min() < TOUCH * np.abs(gaps).max() else ""
+
+
+class LeavingSearch(OneTouch):
+    """Search for the points of a curve of grazings where curves of folds and flips of one-impact motions leave."""
+
+    def between(self, a: Node, b: Node) -> list[Event]:
+        return [event for label in LEAVING if (event := self.leaving(label, a, b)) is not None]
+
+    def leaving(self, label: str, a: Node, b: Node) -> Event | None:
+        """Return the point between two grazings where a curve leaves, if any."""
+        before, after = (np.linalg.det(_pencil(self.equations, node.z, label)) for node in (a, b))
+        if before * after > 0:
+            return None
+        near = a.z + before / (before - after) * (b.z - a.z)
+        equations, first = _left(self.equations, near, label, self.tolerance)
+        if not first.residual <= self.tolerance:
+            return None
+        node = correct(self.equations, first.z[: near.size], a.row, tolerance=self.tolerance, iterations=0)
+        size = equations.motions.size
+        ahead = first.tangent[size]
+        coefficients = {
+            "quadratic": (_bend(equations, first) - _bend(self.equations, node)) / 2,
+            "rate": float(first.tangent[size + 3] / ahead) if ahead else np.inf,
+        }
+        name = f"GR{label}"
+        value = float(node.z[size + 1])
+        mu = complex(CRITICAL_MULTIPLIERS[label])
+        named = observed(node, None)._replace(label=name)
+        return Event(name, named, value, value, True, mu, "", (), (size, size + 1), coefficients)
 
 
 def continue_grazing(
@@ -162,9 +187,14 @@ def continue_grazing(
     impacts near the start, at the strobe; `values`: first guess of the
     parameters; `bounds`: of both parameters; `tolerance`, `pace`, `points`: as for `continue_motion`.
 
-    **Returns:** a `Branch`, whose multipliers are those of the motion that does not quite touch. Its `events` are
-    `GrazingPoint`s, from which `leave_grazing` follows folds and flips. It ends with "second touch" where the motion
-    touches the stop at another instant, too.
+    **Returns:** a `Branch`, whose states are those at the touch, and whose multipliers are those of the motion that
+    does not quite touch. It ends with "second touch" where the motion touches the stop at another instant, too. At
+    its `events` "GRLP" and "GRPD" folds and flips leave, see `leave_grazing`, with the `coefficients`
+
+    - `quadratic`: c in p2 - p2 of the grazings = c (p1 - p1 of this point)^2 for the parameters p1 and p2 along the
+        leaving curve.
+    - `rate`: rate of the impact per change of p1 along it; its sign tells the side of p1 on which the curve exists,
+        because the rate is positive.
 
     **Raises:** `ValueError` for maps without a rigid stop, and where no motion grazes near the start.
     """
@@ -181,17 +211,15 @@ def continue_grazing(
     row = equations.weights(z)[1].at[: motions.size].set(0.0) ** 2
     first = correct(equations, z, row, tolerance=tolerance, iterations=20)
     check_found("state", "a motion that grazes the stop", first, tolerance)
-    start = begun(equations, observed(first, None), pace)
-    free = (-np.inf, np.inf)
-    curve = extend(start, *limits, free, free, tolerance=tolerance, pace=pace, search=NoSearch, points=points)
-    curve = _cut(curve, first)
-    pairs = zip(curve.nodes, curve.nodes[1:], strict=False)
-    found = [point for pair in pairs for label in LEAVING for point in _leaving(equations, *pair, label, tolerance)]
-    return dataclasses.replace(curve, events=tuple(found))
+    once = not LeavingSearch(equations, None, tolerance).ends(first)
+    require(once, "state", "lead to a motion that touches the stop once", "one that touches it twice")
+    options = dict(tolerance=tolerance, pace=pace, points=points)
+    return followed(equations, first, *limits, FREE, FREE, search=LeavingSearch, **options)
 
 
 def leave_grazing(
-    point: GrazingPoint,
+    curve: Branch,
+    event: Event,
     bounds: tuple[tuple[float, float], tuple[float, float]],
     *,
     tolerance: float = 1e-10,
@@ -200,18 +228,25 @@ def leave_grazing(
 ) -> Branch:
     """Follow the folds or flips of one-impact motions that leave a curve of grazings.
 
-    **Arguments:** `point`: an event of `continue_grazing`; the others as there.
+    **Arguments:** `curve`: of `continue_grazing`; `event`: one of its "GRLP" and "GRPD"; the others as there.
 
     **Returns:** a `Branch` from the point in the direction in which the rate of the impact grows. It ends with
-    "grazing" where this rate falls to zero again, and with "second touch" where another impact begins.
+    "grazing" where this rate falls to zero again, and with "second touch" where another impact begins. Multipliers
+    are NaN where the rate is zero.
     """
-    instance("point", point, GrazingPoint, "an event of slipperjax.analysis.continue_grazing")
+    instance("curve", curve, Branch, "a curve of slipperjax.analysis.continue_grazing")
+    instance("event", event, Event, "one of the curve's events")
+    one_of("event", event.label, tuple(f"GR{label}" for label in LEAVING))
     limits = [checked_bounds(pair) for pair in bounds]
-    free = (-np.inf, np.inf)
-    further = [free, (0.0, np.inf), *[free] * (point.equations.further - 2)]
-    start = begun(point.equations, observed(point.node, None), pace, ways=(1,))
-    curve = extend(start, *limits, *further, tolerance=tolerance, pace=pace, search=NoSearch, points=points)
-    return _cut(curve, point.node)
+    equations, first = _left(curve.equations, event.node.z, event.label[2:], tolerance)
+    further = [FREE, (0.0, np.inf), *[FREE] * (equations.further - 2)]
+    options = dict(ways=(1,), tolerance=tolerance, pace=pace, points=points)
+    curve = followed(equations, first, *limits, *further, search=OneTouch, **options)
+    back, ahead = curve.ends
+    # the bound of the rate
+    if ahead.reason == "bound" and curve.nodes[-1].z[equations.motions.size + 3] <= SLOWEST:
+        ahead = ahead._replace(reason="grazing")
+    return dataclasses.replace(curve, ends=(back, ahead))
 
 
 def _least(equations: GrazingMotions, static: tuple, z: Array) -> Array:
@@ -228,61 +263,28 @@ def _gaps(equations: GrazingMotions, static: tuple, z: Array) -> Array:
     return equations.flight(z, begin, end, equations.motions.step(z).reset(begin, y))[1]
 
 
-def _cut(curve: Branch, start: Node) -> Branch:
-    """Return the part of a curve around its start in which the motion touches the stop only once."""
-    assert isinstance(curve.equations, GrazingMotions)
-    rate = curve.equations.motions.size + 3
-
-    def twice(node: Node) -> bool:
-        # the last gap is that of the touch
-        gaps = np.asarray(call_compiled(_gaps, curve.equations, (), jnp.asarray(node.z)))[:-1]
-        return bool(gaps.min() < TOUCH * np.abs(gaps).max())
-
-    nodes = curve.nodes
-    begin = next(k for k, node in enumerate(nodes) if np.array_equal(node.z, start.z))
-    others = np.flatnonzero([twice(node) for node in nodes])
-    require(begin not in others, "state", "lead to a motion that touches the stop once", "one that touches it twice")
-    low, high = max(others[others < begin], default=-1), min(others[others > begin], default=len(nodes))
-
-    def end(known: End, node: Node, lost: bool) -> End:
-        # a curve of impacts ends where their rate is at its bound
-        grazes = curve.equations.further > 2 and node.z[rate] == 0 and known.reason == "bound"
-        return known._replace(reason="second touch" if lost else "grazing" if grazes else known.reason)
-
-    ends = end(curve.ends[0], nodes[0], low >= 0), end(curve.ends[1], nodes[-1], high < len(nodes))
-    return dataclasses.replace(curve, nodes=nodes[low + 1 : high], ends=ends, events=())
+def _pencil(equations: AbstractEquations, z: np.ndarray, label: str) -> np.ndarray:
+    """Return the matrix of the module's equations for one of `LEAVING`."""
+    mu = jnp.asarray(CRITICAL_MULTIPLIERS[label])
+    return np.asarray(call_compiled(_matrix, equations, (), jnp.asarray(z), mu))
 
 
-def _pencils(equations: GrazingMotions, static: tuple, z: Array) -> Array:
-    """Return the matrices of the module's equations for the multipliers of `LEAVING`."""
-    of = lambda label: jax.vmap(lambda v: equations.linearised(z, CRITICAL_MULTIPLIERS[label], v), out_axes=1)
-    return jnp.stack([of(label)(jnp.eye(equations.motions.size + 1)) for label in LEAVING])
+def _matrix(equations: GrazingMotions, static: tuple, z: Array, mu: Array) -> Array:
+    return jax.vmap(lambda v: equations.linearised(z, mu, v), out_axes=1)(jnp.eye(equations.motions.size + 1))
 
 
-def _leaving(equations: GrazingMotions, one: Node, other: Node, label: str, tolerance: float) -> list[GrazingPoint]:
-    """Return the point between two grazings where a curve of folds or flips leaves, if any."""
-    at = lambda node: np.asarray(call_compiled(_pencils, equations, (), jnp.asarray(node.z)))[LEAVING.index(label)]
-    before, after = np.linalg.det(at(one)), np.linalg.det(at(other))
-    if before * after > 0:
-        return []
-    share = before / (before - after)
-    near = one.z + share * (other.z - one.z)
-    vector = np.linalg.svd(at(one._replace(z=near)))[2][-1]
+def _left(
+    equations: AbstractEquations, near: np.ndarray, label: str, tolerance: float
+) -> tuple[LeavingMotions, Node]:
+    """Return the equations and first point of a curve that leaves near some unknowns, with a tangent towards impacts.
+
+    At this point the rate of the impact is zero.
+    """
+    assert isinstance(equations, GrazingMotions)
     leaving = LeavingMotions(equations.motions, label)
-    size = equations.motions.size
-    # at the rate zero, with a tangent towards impacts
-    z = np.append(near, vector)
-    node = correct(leaving, z, np.eye(z.size)[size + 3], tolerance=tolerance, iterations=20)
-    if not node.residual <= tolerance:
-        return []
-    grazing = correct(equations, node.z[: near.size], one.row, tolerance=tolerance, iterations=0)
-    bend = [_bend(eq, a) for eq, a in ((leaving, node), (equations, grazing))]
-    first = node.tangent[size]
-    coefficients = {
-        "quadratic": float(bend[0] - bend[1]) / 2,
-        "rate": float(node.tangent[size + 3] / first) if first else np.inf,
-    }
-    return [GrazingPoint(f"GR{label}", node.z[size : size + 2], node.z[:size], coefficients, node, leaving)]
+    z = np.append(near, np.linalg.svd(_pencil(equations, near, label))[2][-1])
+    row = np.eye(z.size)[leaving.motions.size + 3]
+    return leaving, correct(leaving, z, row, tolerance=tolerance, iterations=20)
 
 
 def _second(equations: GrazingMotions, static: tuple, z: Array, tangent: Array) -> tuple[Array, Array]:
@@ -291,7 +293,7 @@ def _second(equations: GrazingMotions, static: tuple, z: Array, tangent: Array) 
     return jax.jacfwd(equations.defect)(z), jax.jvp(slope, (z,), (tangent,))[1]
 
 
-def _bend(equations: GrazingMotions, node: Node) -> float:
+def _bend(equations: AbstractEquations, node: Node) -> float:
     """Return the second derivative of the second parameter by the first along a curve."""
     arrays = jnp.asarray(node.z), jnp.asarray(node.tangent)
     jacobian, second = map(np.asarray, call_compiled(_second, equations, (), *arrays))
@@ -299,4 +301,4 @@ def _bend(equations: GrazingMotions, node: Node) -> float:
     bent = np.linalg.lstsq(jacobian, -second)[0]
     size = equations.motions.size
     (p, q), (bent_p, bent_q) = node.tangent[size : size + 2], bent[size : size + 2]
-    return (bent_q * p - q * bent_p) / p**3
+    return float((bent_q * p - q * bent_p) / p**3)

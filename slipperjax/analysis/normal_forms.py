@@ -89,15 +89,6 @@ class NormalForm:
         factors = 1j ** choices.sum(axis=1) if choices.any() else np.ones(1)
         return self.scale * ((factors * lengths.prod(axis=(1, 2))) @ along)
 
-    def solved(self, factor: Number, rhs: np.ndarray, right: Sequence, left: Sequence) -> np.ndarray:
-        """Return h of (P_x - factor) h = rhs, and one number for each of the vectors `right`, which complete the
-        range where the system is singular; h has no component along them, seen by `left`."""
-        size, count = len(self.matrix), len(right)
-        columns = np.reshape(np.array(right), (count, size)).T
-        rows = np.conj(np.reshape(np.array(left), (count, size)))
-        system = np.block([[self.matrix - factor * np.eye(size), columns], [rows, np.zeros((count, count))]])
-        return np.linalg.solve(system, np.append(rhs, np.zeros(count)))
-
     def expanded(self, slots: Slots) -> tuple[np.ndarray, np.ndarray]:
         """Return the derivatives of H (size,) and G (coordinates,) along some coordinates."""
         if slots in self.known:
@@ -119,7 +110,7 @@ class NormalForm:
         factor = prod(self.multipliers[j] for j in slots)
         resonant = [j for j, mu in enumerate(self.multipliers) if abs(mu - factor) < RESONANT]
         choose = lambda vectors: [vectors[j] for j in resonant]
-        solution = self.solved(factor, rhs, choose(self.right), choose(self.left))
+        solution = solved(self.matrix, factor, rhs, choose(self.right), choose(self.left))
         split = len(self.matrix)
         of_map = np.zeros(len(self.multipliers), solution.dtype)
         of_map[resonant] = -solution[split:]
@@ -141,14 +132,21 @@ class NormalForm:
         (mu,) = self.multipliers
         q, p = self.vectors(mu)
         q, p = q.real, p.real
-        size = len(p)
-        follow = self.solved(mu, q, [p], [q])[:size]
-        # the same system, transposed
-        transposed = np.block([[self.matrix.T - mu * np.eye(size), q[:, None]], [p, np.zeros(1)]])
-        back = np.linalg.solve(transposed, np.append(p, 0.0))[:size]
+        follow = solved(self.matrix, mu, q, [p], [q])[:-1]
+        back = solved(self.matrix.T, mu, p, [q], [p])[:-1]
         length = p @ follow
         p, back = p / length, back / length
         return q, follow, p, back - (back @ follow) * p
+
+
+def solved(matrix: np.ndarray, factor: Number, rhs: np.ndarray, right: Sequence, left: Sequence) -> np.ndarray:
+    """Return h of (matrix - factor) h = rhs, and one number for each of the vectors `right`, which complete the range
+    where the system is singular; h has no component along them, seen by `left`."""
+    size, count = len(matrix), len(right)
+    columns = np.reshape(np.array(right), (count, size)).T
+    rows = np.conj(np.reshape(np.array(left), (count, size)))
+    system = np.block([[matrix - factor * np.eye(size), columns], [rows, np.zeros((count, count))]])
+    return np.linalg.solve(system, np.append(rhs, np.zeros(count)))
 
 
 def _derivatives(motions: PeriodicMotions, static: tuple, z: Array, directions: Array) -> Array:
@@ -213,7 +211,7 @@ def _resonance_1(f: NormalForm) -> Coefficients:
 
 def _resonance_2(f: NormalForm) -> Coefficients:
     q, follow, p, back = f.chain()
-    bend = lambda rhs: f.solved(1.0, -rhs, (), ())
+    bend = lambda rhs: solved(f.matrix, 1.0, -rhs, (), ())
     h20 = bend(f.derivative(q, q))
     h11 = bend(f.derivative(q, follow) + h20)
     h30 = f.derivative(q, q, q) + 3 * f.derivative(q, h20)

@@ -100,15 +100,16 @@ def smallest_shock(
     - `longest`: longest shock [1].
     - `transient`: intervals before the `last` ones, which show whether a motion has returned, as for `map_basins`, by
         `tolerance` in multiples of the scales. A motion that returns later counts as one that leaves.
-    - `rays`: number of the first directions, from `seed`. Tongues of other basins thinner than an eighth of a
-        ray may be missed.
+    - `rays`: number of the first directions, from `seed`, rounded up to a multiple of four. Tongues of other basins
+        thinner than an eighth of a ray may be missed.
 
     **Raises:** `ValueError` for motions that are not stable, and where no ray leaves the basin.
     """
     longest = number(positive, "longest", longest)
     tolerance = number(positive, "tolerance", tolerance)
     static = whole("transient", transient, 1), whole("last", last, 2)
-    rays = whole("rays", rays, FAMILIES * SHARES.size)
+    # as many rays in each family, so that one program serves the first directions and all others
+    rays = -(-whole("rays", rays, FAMILIES * SHARES.size) // FAMILIES) * FAMILIES
     generator = np.random.default_rng(whole("seed", seed, 0))
     with checked_system(step, state, scale) as first:
         flat, unravel = ravel_pytree(first)

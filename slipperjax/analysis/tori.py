@@ -21,7 +21,7 @@ from .arclength import Node, Pace, Walk, checked_bounds, correct
 from .attractor import rotation_number
 from .continuation import Branch, End, check_found, continue_motion
 from .events import Event
-from .floquet import product
+from .floquet import eigenvector
 from .lyapunov import weighted_mean
 from .newton import AbstractEquations, Linearisation, NullVectors
 from .shooting import PeriodicMotions
@@ -97,19 +97,20 @@ class InvariantCurves(AbstractEquations):
 
     def along(self, z: Array) -> Array:
         """Return the direction along the reference curve, whose product with the states is zero. Pure."""
-        way = self.slope(self.reference, jnp.zeros(())) * self._scale(z)[None] ** 2
+        way = self.slope(self.reference, jnp.zeros(())) * self._of_motion(z)[0][None] ** 2
         return way.ravel() / jnp.sqrt(jnp.sum(way**2))
 
-    def _scale(self, z: Array) -> Array:
-        return self.motions.weights(jnp.append(self.states(z)[0], self.values(z)))[0]
+    def _of_motion(self, z: Array) -> tuple[Array, Array]:
+        """Return the weights of one state and the parameters."""
+        return self.motions.weights(jnp.append(self.states(z)[0], self.values(z)))
 
     def weights(self, z: Array) -> tuple[Array, Array]:
         count = len(self.reference)
-        lengths = self.motions.weights(jnp.append(self.states(z)[0], self.values(z)))[1]
+        scale, lengths = self._of_motion(z)
         size = self.motions.size
         rest = jnp.zeros(z.size - self.reference.size).at[: lengths.size - size].set(lengths[size:])
         columns = jnp.append(jnp.tile(lengths[:size], count) / np.sqrt(count), rest)
-        return jnp.append(jnp.tile(self._scale(z), count), 1.0), columns
+        return jnp.append(jnp.tile(scale, count), 1.0), columns
 
     def update(self, z: Array | np.ndarray, null_vectors: NullVectors) -> "InvariantCurves":
         return dataclasses.replace(self, reference=self.states(jnp.asarray(z)))
@@ -222,8 +223,7 @@ def _born(
     """Return equations, guess and direction across its plane for the curve that begins at a Neimark-Sacker."""
     require(event.label == "NS", "start", "be a Neimark-Sacker (NS) or states of a torus", event.label)
     require(np.size(motions.reach) == 1, "motions", "have one parameter at a Neimark-Sacker", np.size(motions.reach))
-    values, vectors = np.linalg.eig(product(np.asarray(event.node.matrices)))
-    vector = vectors[:, np.argmin(np.abs(values - event.multiplier))]
+    vector = eigenvector(np.asarray(event.node.matrices), event.multiplier)
     circle = np.exp(2j * np.pi * np.arange(points) / points)
     ring = np.real(circle[:, None] * vector)
     z = np.append(

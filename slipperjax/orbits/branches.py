@@ -41,7 +41,7 @@ from ..tools.columns import column
 from ..tools.compile import call_compiled
 from ..tools.progress import bar as progress_bar
 from ..tools.types import Real
-from .motions import check_forcing, slipper_motions
+from .motions import check_forcing, slipper_motions, with_steps
 from .periodic import TOLERANCE, PeriodicOrbit, periodic_orbit
 from .signature import Gaps, GapSamples, Grazing, Signature, grazing, signature
 from .simulate import Trajectory, default_steps, dynamic_steps
@@ -112,6 +112,11 @@ class OrbitBranch(Result):
     def parameter(self) -> Parameter:
         """Parameter that varies."""
         return parameter(load_call(self.ds)["parameter"], self.scene)
+
+    @property
+    def equations(self) -> PeriodicMotions:
+        """Equations of the orbits."""
+        return _Settings.of(self).equations
 
     @property
     def period(self) -> int:
@@ -237,8 +242,7 @@ class _Settings:
         """Return the touchdowns and margins of an orbit for the search of grazings, with an `OrbitView` as data."""
         # a second program of the equations, which keeps samples inside the periods
         steps = self.call["steps_per_period"]
-        family = dataclasses.replace(self.equations.family, stepping=dynamic_steps(steps, most=steps))
-        equations = dataclasses.replace(self.equations, family=family)
+        equations = with_steps(self.equations, steps, most=steps)
         records = RecordSet((GapSamples(), PoincareSections()))
         ((gap, rate), crossed), period = call_compiled(_samples, equations, (records,), jnp.asarray(node.z))
         gaps = Gaps.of(gap, rate, steps, float(period))
@@ -387,12 +391,9 @@ def curve_columns(curve: Branch, unit: str) -> dict[str, tuple]:
     """Return the variables of `event_columns` and the coefficients of normal forms, each with its error, as JSON."""
     texts = []
     for event in curve.events:
-        parts = lambda name, event=event: (
-            np.real(event.coefficients[name]),
-            np.imag(event.coefficients[name]),
-            event.stderr.get(name, 0.0),
-        )
-        texts.append(json.dumps({name: [float(part) for part in parts(name)] for name in event.coefficients}))
+        numbers = {name: complex(number) for name, number in event.coefficients.items()}
+        parts = {name: (at.real, at.imag, event.stderr.get(name, 0.0)) for name, at in numbers.items()}
+        texts.append(json.dumps(parts))
     text = "coefficients of the normal form: real part, imaginary part and error, by name"
     errors = [json.dumps(dict(event.stderr)) for event in curve.events]
     return event_columns(curve, unit) | {

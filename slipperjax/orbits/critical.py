@@ -50,7 +50,7 @@ from .branches import (
     finished,
     orbits_dataset,
 )
-from .motions import WIDTH, ScenePath, slipper_motions
+from .motions import WIDTH, ScenePath, slipper_motions, with_steps
 from .periodic import TOLERANCE, PeriodicOrbit
 from .signature import GapSamples, Grazing
 from .simulate import dynamic_steps, steps_of_call
@@ -401,7 +401,7 @@ def _place_of(event: Event, curve: Branch, steps: int, tolerance: float) -> np.n
     """Return both parameters at a point of codimension two with a number of steps; NaN where it is not found."""
     equations = curve.equations
     assert isinstance(equations, CriticalMotions)
-    equations = dataclasses.replace(equations, motions=_with_steps(equations.motions, steps))
+    equations = dataclasses.replace(equations, motions=with_steps(equations.motions, steps))
     z, tangent = event.node.z, event.node.tangent
     # on both sides of the point, along the curve
     ends = [
@@ -413,23 +413,17 @@ def _place_of(event: Event, curve: Branch, steps: int, tolerance: float) -> np.n
     return np.array(found[0] if found else [np.nan, np.nan])
 
 
-def _with_steps(motions: PeriodicMotions, steps: int) -> PeriodicMotions:
-    """Return the equations of a slipper's orbits with another number of steps."""
-    family = dataclasses.replace(motions.family, stepping=dynamic_steps(steps))  # type: ignore[type-var]
-    return dataclasses.replace(motions, family=family)
-
-
 def _form(
     motions: PeriodicMotions, state: State, values: Sequence[Real], label: str, steps: int
 ) -> tuple[dict, dict]:
     """Return the coefficients of a normal form with many steps, and their errors."""
 
-    def with_steps(steps: int) -> dict[str, complex | float]:
+    def coefficients(steps: int) -> dict[str, complex | float]:
         # narrower differences with more steps, so that the errors of both fall
-        finer = dataclasses.replace(_with_steps(motions, steps), width=jnp.asarray(WIDTH * np.sqrt(STEPS / steps)))
+        finer = dataclasses.replace(with_steps(motions, steps), width=jnp.asarray(WIDTH * np.sqrt(STEPS / steps)))
         return normal_form(finer, state, values, label)
 
-    return with_step_error(with_steps, steps, FORM_FINER)
+    return with_step_error(coefficients, steps, FORM_FINER)
 
 
 def orbit_form(branch: OrbitBranch, event: BranchEvent) -> tuple[dict[str, complex | float], dict[str, float]]:
@@ -446,9 +440,7 @@ def orbit_form(branch: OrbitBranch, event: BranchEvent) -> tuple[dict[str, compl
     one_of("event", event.label, tuple(CRITICAL_MULTIPLIERS))
     orbit = branch.orbit(event)
     steps = load_call(branch.ds)["steps_per_period"]
-    options = dict(stepping=dynamic_steps(steps), solver=orbit.solver, period=branch.period)
-    motions = slipper_motions(branch.scene, (branch.parameter.name,), (1.0,), orbit.state, **options)
-    return _form(motions, orbit.state, (event.value,), event.label, steps)
+    return _form(branch.equations, orbit.state, (event.value,), event.label, steps)
 
 
 def _extreme_at(
@@ -463,8 +455,7 @@ def _extreme_at(
     point = int(np.argmin(touches.margin))
     steps = call["steps_per_period"]
     # the most steps are fixed, for arrays of samples inside the periods
-    inside = dynamic_steps(steps, most=steps)
-    family = dataclasses.replace(motions.family, stepping=inside)  # type: ignore[type-var]
+    family = with_steps(motions, steps, most=steps).family
     time = jnp.asarray(touches.time[point])
     greatest = jnp.asarray(touches.opening[point])
     return GapExtreme(family, jnp.asarray(point), time, greatest, branch.period)

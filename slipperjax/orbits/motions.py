@@ -1,5 +1,7 @@
 """Equations of a slipper's orbits: the period map over parameters, and states with a memory that fits their gaps."""
 
+import dataclasses
+
 import diffrax
 import equinox as eqx
 import jax
@@ -19,6 +21,7 @@ from ..model.travel import SpeedProgramme
 from ..tools.checks import require
 from ..tools.tracing import is_traced
 from ..tools.types import Numbers, Real
+from .simulate import dynamic_steps
 
 WIDTH = 0.01
 """Half the weighted width of differences for second and third derivatives of the period map. At the flip at 1095.9
@@ -67,6 +70,12 @@ def slipper_motions(
     # derivatives. But a touchdown falls somewhere within a step, so that the error of the step, of order h^2.5, has
     # third derivatives that grow as h^-0.5. Differences wider than a step do not see this.
     return PeriodicMotions(path, like, reach, scale, period, consistent_state, lengths, derivatives=3, width=WIDTH)
+
+
+def with_steps(motions: PeriodicMotions, steps: int, most: int | None = None) -> PeriodicMotions:
+    """Return the equations of a slipper's orbits with another number of steps; `most`: as for `dynamic_steps`."""
+    family = dataclasses.replace(motions.family, stepping=dynamic_steps(steps, most=most))  # type: ignore[type-var]
+    return dataclasses.replace(motions, family=family)
 
 
 def consistent_memory(scene: Scene, proposed: State, mapped: State) -> State:

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..analysis.continuation import Branch
-from ..analysis.critical import CriticalMotions
 from ..analysis.events import MEANINGS
 from ..results.result import Result
 from ..tools.checks import instance, require
@@ -23,8 +22,8 @@ def branch_result(branch: Branch, units: Mapping[str, str] | None = None) -> Res
     found.plot(quantity="state_0")
     ```
 
-    **Arguments:** `branch`: of `continue_motion` or `continue_critical`; `units`: of the parameters and of the
-    numbers of the state, `state_0` and so on, by name; by default pure numbers.
+    **Arguments:** `branch`: of `continue_motion`, `continue_critical`, `continue_grazing` or `leave_grazing`;
+    `units`: of the parameters and of the numbers of the state, `state_0` and so on, by name; by default pure numbers.
 
     **Returns:** a `Result` along `point` with the parameters, by their names in the family, the numbers of the state
     at the start of the motion, `multiplier_real` and `multiplier_imag` [1], `outside`, `stable`, `label`, and along
@@ -33,8 +32,8 @@ def branch_result(branch: Branch, units: Mapping[str, str] | None = None) -> Res
     **Raises:** `ValueError` for units of names that the branch does not have.
     """
     names = instance("branch", branch, Branch, "a branch of slipperjax.analysis.continue_motion").names
-    curve = isinstance(branch.equations, CriticalMotions)
-    label = branch.equations.label if curve else ""
+    curve = len(names) > 1
+    label = getattr(branch.equations, "label", "")
     # all points of a curve are at the event: the label marks their critical multipliers
     nodes = [node._replace(label=label or node.label) for node in branch.nodes]
     motions = getattr(branch.equations, "motions", branch.equations)

@@ -250,10 +250,15 @@ def plane(curves: object, attractors: object = None, ax: Axes | None = None) -> 
             ax.plot(*joined(x, y[None], ~solid), lw=1.1, ls=DASHED, **style)
             marked += _points_of(one, x, y)
         size = np.ptp([ax.get_xlim(), ax.get_ylim()], axis=1)
-        for k, (name, at) in enumerate(marked):
-            # curves that cross there share the point
-            if any(name == other and np.all(np.abs(at - place) < 1e-3 * size) for other, place in marked[:k]):
-                continue
+        # curves that cross at a point share it, and a point may be of several kinds
+        shared: list[tuple[set[str], np.ndarray]] = []
+        for name, at in marked:
+            kinds = next((kinds for kinds, place in shared if np.all(np.abs(at - place) < 1e-3 * size)), set())
+            if not kinds:
+                shared.append((kinds, at))
+            kinds.add(name)
+        for kinds, at in shared:
+            name = ", ".join(sorted(kinds))
             ax.plot(*at, ls="", marker="o", ms=3.6, mec="white", mew=0.6, color="black", zorder=6)
             offset = dict(xytext=(3, 3), textcoords="offset points", fontsize=6, zorder=6)
             box = dict(boxstyle="square,pad=0.1", fc="white", ec="none", alpha=0.7)

@@ -1,6 +1,7 @@
 """Texts and tables of motions: simulated motions, periodic orbits, branches of orbits, and curves of their events."""
 
 import json
+from collections.abc import Mapping
 
 import numpy as np
 import pandas as pd
@@ -124,23 +125,27 @@ def points_tables(ds: xr.Dataset, units: Units = None) -> dict[str, pd.DataFrame
 def curve_summary(ds: xr.Dataset, units: Units = None) -> list[str]:
     """Return a curve of events over two parameters as a text."""
     names = varied_names(ds)
-    at = lambda k: ", ".join(f"{ds[name].values[k]:.6g}" for name in names)
-    first, last = (f"({at(k)}: {ds.attrs['ended'][k] or 'start'})" for k in (0, -1))
+
+    def at(k: int, errors: Mapping[str, float]) -> str:
+        """Return both parameters at a point, with their errors where they are known."""
+        return ", ".join(number(ds[name].values[k], 0.0, errors.get(name, 0.0)) for name in names)
+
+    first, last = (f"({at(k, {})}: {ds.attrs['ended'][k] or 'start'})" for k in (0, -1))
     lines = [
         f"{ds.attrs['label']} of period {ds.attrs['orbit_period']} over {' and '.join(names)}: "
         f"{ds.sizes['point']} points, from {first} to {last}"
     ]
     if "event_coefficients" not in ds:
         return lines
-    columns = (ds[f"event_{name}"].values.tolist() for name in ("label", "point", "coefficients", "note"))
-    for name, point, coefficients, note in zip(*columns, strict=True):
+    columns = (ds[f"event_{name}"].values.tolist() for name in ("label", "point", "coefficients", "stderr", "note"))
+    for name, point, coefficients, stderr, note in zip(*columns, strict=True):
         if name in POINTS:
             texts = [f"{key} = {number(*parts)}" for key, parts in json.loads(coefficients).items()]
-            lines.append(f"  {name} at ({at(point)}): {', '.join(texts) or note}")
+            lines.append(f"  {name} at ({at(point, json.loads(stderr))}): {', '.join(texts) or note}")
     return lines
 
 
 def number(real: float, imaginary: float, error: float) -> str:
-    """Return a coefficient of a normal form as a text, with its error where it has one."""
+    """Return a coefficient or a place as a text, with its error where it has one."""
     text = f"{real:.6g}" + (f"{imaginary:+.6g}i" if imaginary else "")
     return f"{text} +- {error:.1g}" if error else text

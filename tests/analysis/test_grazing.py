@@ -5,7 +5,10 @@ import numpy as np
 import pytest
 import scipy.integrate
 
+import slipperjax as sj
 from slipperjax import analysis
+
+from ..plots.shown import legend
 
 pytestmark = pytest.mark.full
 RESONANCE = 2 * np.sqrt(1 - 0.1**2)
@@ -66,7 +69,7 @@ def exact_folds(frequency):
 @pytest.mark.parametrize(("frequency", "a"), [(1.95, 0.975736608287625656), (1.9, 0.898332987982049545)])
 def test_folds(grazings, frequency, a):
     (point,) = points(grazings, "GRLP")[2:]
-    folds = analysis.leave_grazing(point, ((frequency, 2.3), (0.5, 2.0)))
+    folds = analysis.leave_grazing(grazings, point, ((frequency, 2.3), (0.5, 2.0)))
     assert folds.ended == ("", "bound")
     # measured 1.3e-12
     np.testing.assert_allclose(of(folds, "a")[-1], a, rtol=1e-10)
@@ -81,7 +84,7 @@ FLIPS = {0.3: 1.263783813251998, 0.2: 1.103442492009275, 0.1: 1.024188165117093,
 @pytest.mark.parametrize("away", FLIPS)
 def test_flips(grazings, away):
     (point,) = points(grazings, "GRPD")[2:]
-    flips = analysis.leave_grazing(point, ((0.6, RESONANCE + away), (0.5, 2.0)))
+    flips = analysis.leave_grazing(grazings, point, ((0.6, RESONANCE + away), (0.5, 2.0)))
     assert flips.ended == ("", "bound")
     # measured 1.7e-12
     np.testing.assert_allclose(of(flips, "a")[-1], FLIPS[away], rtol=1e-10)
@@ -90,7 +93,7 @@ def test_flips(grazings, away):
 def test_flip_beside_scipy(grazings):
     (point,) = points(grazings, "GRPD")[2:]
     frequency = RESONANCE + 0.1
-    node = analysis.leave_grazing(point, ((0.6, frequency), (0.5, 2.0))).nodes[-1]
+    node = analysis.leave_grazing(grazings, point, ((0.6, frequency), (0.5, 2.0))).nodes[-1]
     a, begin, rate = node.z[3:6]
     force = a * float(amplitude(frequency))
 
@@ -126,6 +129,24 @@ def test_quadratic_coefficients(grazings):
     assert fold.coefficients["rate"] < 0 < flip.coefficients["rate"]
 
 
+def test_both_curves_say_write_and_draw_themselves(grazings, tmp_path):
+    (point,) = points(grazings, "GRLP")[2:]
+    folds = analysis.leave_grazing(grazings, point, ((1.9, 2.3), (0.5, 2.0)))
+    found = [sj.orbits.branch_result(curve) for curve in (grazings, folds)]
+    head, *lines = found[0].summary()
+    assert head.startswith("GR of period 1 over frequency and a: ")
+    assert sorted(line.split()[0] for line in lines) == ["GRLP"] * 3 + ["GRPD"] * 3
+    assert any("GRLP at (1.98997, 1): quadratic = -16.549, rate = " in line for line in lines)
+    # the motion beside the stop is stable, and so is the other multiplier of the fold
+    assert not any(one["outside"].values.any() for one in found)
+    assert np.isnan(found[1]["multiplier_real"].values[0]).all()
+    ax = sj.plots.plane(found)
+    assert legend(ax) == ["GR grazing", "LP fold"]
+    assert [text.get_text() for text in ax.texts] == ["GRLP, GRPD"] * 3
+    found[0].write(tmp_path / "grazings.nc")
+    assert sj.load(tmp_path / "grazings.nc").summary() == found[0].summary()
+
+
 def test_flips_over_frequency_and_gap():
     family = lambda frequency, gap: oscillator(frequency, gap, 1.0)
     motions = analysis.PeriodicMotions(family, jnp.zeros(2), jnp.ones(2))
@@ -133,7 +154,7 @@ def test_flips_over_frequency_and_gap():
     # at gaps near the amplitude of the motion without impacts
     curve = analysis.continue_grazing(motions, jnp.array([0.1, 0.3]), (2.1, 0.3), bounds)
     (point,) = points(curve, "GRPD")
-    flips = analysis.leave_grazing(point, bounds)
+    flips = analysis.leave_grazing(curve, point, bounds)
     assert of(flips, "gap")[-1] == 0.15
     # measured 2.5e-13; the flip of `continue_motion` in docs/how_to/own_system.md
     np.testing.assert_allclose(of(flips, "frequency")[-1], 2.358343181556296050, rtol=1e-10)
@@ -156,3 +177,9 @@ def test_wrong_inputs():
     motions = analysis.PeriodicMotions(lambda a, b: lambda s, k: a * s + b, jnp.zeros(1), jnp.ones(2))
     with pytest.raises(ValueError, match=r"Argument `motions` must be a family of maps of `impact_step`"):
         analysis.continue_grazing(motions, jnp.zeros(1), (1.0, 1.0), ((0, 2), (0, 2)))
+
+
+def test_only_points_are_left(grazings):
+    end = grazings.events[0]
+    with pytest.raises(ValueError, match="`event` must be one of GRLP, GRPD, but is 'EP'"):
+        analysis.leave_grazing(grazings, end, ((0.6, 2.3), (0.5, 2.0)))

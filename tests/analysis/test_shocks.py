@@ -6,6 +6,8 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 from slipperjax import analysis
+from slipperjax.analysis import shocks
+from slipperjax.tools.compile import call_compiled
 
 pytestmark = pytest.mark.full
 C = 0.05
@@ -102,6 +104,20 @@ def test_a_fractal_boundary_is_searched_by_rays():
     assert shock.returns < shock.length
     # a plain search misses tongues that are narrower than its squares
     assert shock.length == pytest.approx(brute, rel=2e-2)
+
+
+def test_any_number_of_rays_needs_one_program(monkeypatch):
+    shapes = set()
+
+    def call(function, tree, static, amounts):
+        shapes.add((function, amounts.shape))
+        return call_compiled(function, tree, static, amounts)
+
+    monkeypatch.setattr(shocks, "call_compiled", call)
+    options = dict(longest=3.0, transient=60, rays=30)
+    analysis.smallest_shock(duffing, jnp.full(2, POINTS[0]), jnp.ones(2), **options)
+    # motions, and their derivatives
+    assert len(shapes) == 2
 
 
 @pytest.mark.parametrize(

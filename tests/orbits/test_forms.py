@@ -9,7 +9,7 @@ import slipperjax as sj
 from slipperjax.analysis.arclength import correct, evaluated
 from slipperjax.analysis.normal_forms import form_at
 from slipperjax.orbits import orbit_form
-from slipperjax.orbits.critical import _with_steps
+from slipperjax.orbits.motions import with_steps
 
 pytestmark = pytest.mark.slow
 STEPS = 9600
@@ -22,7 +22,7 @@ def at_event(label, bounds):
     event = branch.events_named(label)[0]
     coefficients, stderr = orbit_form(branch, event)
     node = branch.branch.nodes[event.point]
-    equations = _with_steps(branch.branch.equations, STEPS)
+    equations = with_steps(branch.branch.equations, STEPS)
     form = form_at(equations, node.z, label)
     print(label, event.value, coefficients, stderr)
     return equations, node, form.left[0] * form.scale, form.right[0] / form.scale, coefficients, stderr

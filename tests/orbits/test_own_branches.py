@@ -7,7 +7,10 @@ import pytest
 
 import slipperjax as sj
 from slipperjax import analysis
-from slipperjax.analysis.arclength import Pace
+from slipperjax.analysis.arclength import Node, Pace
+from slipperjax.analysis.continuation import Branch, End
+from slipperjax.analysis.events import Event
+from slipperjax.analysis.grazing import GrazingMotions
 
 from ..plots.shown import labels, legend
 
@@ -44,6 +47,27 @@ def test_a_branch_says_lists_draws_and_writes_itself(branch, tmp_path):
 def test_wrong_branches_are_one_line(branch):
     with pytest.raises(ValueError, match="`units` must name a and some of state_0, state_1, but is"):
         sj.orbits.branch_result(branch, {"b": "m"})
+
+
+def test_a_curve_of_grazings_says_its_points_with_their_errors():
+    # by hand, so that nothing is compiled
+    motions = analysis.PeriodicMotions(lambda a, b: HENON(a), np.zeros(1), np.ones(2))
+    nodes = []
+    for a, label in ((1.0, ""), (2.0, "GRLP"), (3.0, "")):
+        z = np.array([0.5, a, 10 * a, 0.0, 0.0])
+        mu = np.array([0.9 + 0j])
+        nodes.append(Node(z, z, z, 0.0, 0, None, None, mu, np.zeros(1), label=label))
+    stderr = {"b": 0.02, "quadratic": 0.003}
+    more = dict(places=(1, 2), coefficients={"quadratic": -1.5}, stderr=stderr)
+    event = Event("GRLP", nodes[1], 20.0, 20.0, True, **more)
+    ends = End("bound", 0.1), End("second touch", 0.1)
+    found = sj.orbits.branch_result(Branch(GrazingMotions(motions), tuple(nodes), (event,), ends))
+    head, point = found.summary()
+    assert head == "GR of period 1 over a and b: 3 points, from (1, 10: bound) to (3, 30: second touch)"
+    assert point == "  GRLP at (2, 20 +- 0.02): quadratic = -1.5 +- 0.003"
+    ax = found.plot()
+    assert [text.get_text() for text in ax.texts] == ["GRLP"]
+    assert legend(ax) == ["GR grazing"]
 
 
 @pytest.mark.full

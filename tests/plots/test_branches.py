@@ -185,6 +185,13 @@ def test_curves_are_dashed_where_the_motion_is_unstable_anyway():
     assert legend(ax)[-1] == "NS Neimark-Sacker"
 
 
+def test_points_of_several_kinds_at_one_place_have_one_text():
+    points = {"event_label": ("event", ["GRPD", "GRLP", "EP"]), "event_point": ("event", [2, 2, 4])}
+    ax = plots.plane([curve("GR", (0,) * 5).assign(points), curve("LP", (0,) * 5)])
+    assert [text.get_text() for text in ax.texts] == ["GRLP, GRPD"]
+    assert ax.texts[0].xy == pytest.approx((3, 3))
+
+
 OTHER = curve(varied=("speed", "mass"))
 
 
