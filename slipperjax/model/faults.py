@@ -15,7 +15,7 @@ class Fault(AbstractLocalTrack):
 
     at: Float[Array, ""] = field("m", finite)
     """Distance of its middle [m]."""
-    height: Float[Array, ""] = field("m", finite)
+    height: Float[Array, ""] = field("m", finite, shown_unit="mm")
     """Displacement in the middle, for a step its height [m]; negative downwards, or to the right."""
     length: Float[Array, ""] = field("m", positive)
     """Length from end to end [m]."""
