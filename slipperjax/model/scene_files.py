@@ -70,7 +70,7 @@ class RunTable(ShapeChecked):
     length: Float[Array, ""] = field("m", positive)
     """Length of rail [m]."""
     begin: Float[Array, ""] | None = field("m", finite, default=None)
-    """Place of the rail at which the run begins [m]; None: where the rail begins."""
+    """Place of the rail at which the run begins [m], also a station such as 8+00; None: where the rail begins."""
     window: Float[Array, ""] | None = field("m", positive, default=None)
     """Length of the rail for which each number of the result stands [m]; None: 1 m."""
     steps_per_period: int | None = None
