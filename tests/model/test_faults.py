@@ -136,6 +136,7 @@ def test_a_fault_on_a_survey_is_at_a_station(tmp_path):
         scene_from_toml(text.replace("8+00", "8+0000"), str(tmp_path / "sled.toml"))
 
 
+@pytest.mark.full
 def test_every_place_along_the_rail_may_be_a_station(tmp_path):
     rows = "\n".join(f"{at},0,0" for at in range(0, 1000, 5))
     (tmp_path / "survey.csv").write_text(f"chainage [ft],lateral [mm],vertical [mm]\n{rows}")
