@@ -23,7 +23,7 @@ from ..model.contact import EventLatch, PeakRateLatch, SmoothSwitch
 from ..model.dang2024 import paper_scene
 from ..model.dynamics import State
 from ..model.kinematics import Motion
-from ..model.parameters import MAIN, PARAMETERS, STARTS, Parameter, parameter
+from ..model.parameters import MAIN, PARAMETERS, QUANTITIES, STARTS, Parameter, parameter
 from ..model.quantities import Quantity, ShownUnits
 from ..model.scene import Scene
 from ..model.scene_files import SceneFile
@@ -235,12 +235,12 @@ VALUE = Measure()
 
 
 def shown_value(quantity: Quantity, value: float | str) -> float:
-    """Return a value of an option in its display unit.
+    """Return a value of an option in its display unit; a number is in this unit, at a path in the SI unit.
 
     **Raises:** `ValueError` for a text without a unit of the quantity's kind.
     """
     if not isinstance(value, str):
-        return value
+        return value if quantity.name in QUANTITIES else quantity.shown(value)
     from ..tools.units import parsed
 
     return quantity.shown(parsed(quantity.name, value, quantity.unit))

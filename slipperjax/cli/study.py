@@ -33,7 +33,8 @@ def reproduce(figures: tuple[str, ...], quick: bool, transient: int | None, out:
         answers |= done.answers
         seconds[done.name] = done.seconds
         partial = write_report(out, answers, seconds, [], f"claims{PARTIAL}")
-        print(f"{done.name}: figures {', '.join(done.figures)} in {done.seconds:.1f} s", flush=True)
+        drawn = "figure" + "s" * (len(done.figures) > 1)
+        print(f"{done.name}: {drawn} {', '.join(done.figures)} in {done.seconds:.1f} s", flush=True)
     # only the whole study compares other readings of the paper
     table = readings(progress=True) if not figures and not quick else []
     report, _ = write_report(out, answers, seconds, table)

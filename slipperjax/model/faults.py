@@ -14,8 +14,8 @@ class Fault(AbstractLocalTrack):
     """One fault of a rail, see `FaultyTrack`."""
 
     at: Float[Array, ""] = field("m", finite)
-    """Distance of its middle [m]."""
-    height: Float[Array, ""] = field("m", finite)
+    """Distance of its middle [m], in a file also a station such as 8+00."""
+    height: Float[Array, ""] = field("m", finite, shown_unit="mm")
     """Displacement in the middle, for a step its height [m]; negative downwards, or to the right."""
     length: Float[Array, ""] = field("m", positive)
     """Length from end to end [m]."""

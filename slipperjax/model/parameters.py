@@ -50,6 +50,11 @@ class Parameter(Quantity):
     def whole(self) -> bool:
         return self.check.whole
 
+    @property
+    def attributes(self):
+        # pictures of a result know a path's unit from these alone
+        return super().attributes | ({"shown_unit": self.shown_unit} if self.shown_unit else {})
+
     def leaf(self, scene: eqx.Module) -> Array | None:
         """Return the leaf in a scene; None where the scene has no such part, or where the part is None."""
         try:

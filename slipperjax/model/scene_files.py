@@ -57,6 +57,8 @@ SPEEDS = ("file", "cutoff", "stages", "start", "distance", "speed", "scale", "so
 """Names in the table of a speed that changes."""
 UNITS_OF_SPEEDS = {"begin": "m", "cutoff": "Hz", "start": "m/s", "time": "s", "distance": "m", "speed": "m/s"}
 """Units of arguments of functions that return a `SpeedProgramme`."""
+PLACES = ("at", "begin", "end", "distance")
+"""Names of distances along the rail, which may be stations such as 8+00."""
 Table = dict[str, Any]
 """A table of TOML: values of any kind by their names."""
 Part = TypeVar("Part", bound=eqx.Module)
@@ -68,7 +70,7 @@ class RunTable(ShapeChecked):
     length: Float[Array, ""] = field("m", positive)
     """Length of rail [m]."""
     begin: Float[Array, ""] | None = field("m", finite, default=None)
-    """Place of the rail at which the run begins [m]; None: where the rail begins."""
+    """Place of the rail at which the run begins [m], also a station such as 8+00; None: where the rail begins."""
     window: Float[Array, ""] | None = field("m", positive, default=None)
     """Length of the rail for which each number of the result stands [m]; None: 1 m."""
     steps_per_period: int | None = None
@@ -185,6 +187,8 @@ class _Reader:
         self.lines = text.splitlines()
         self.file = file
         self.tables = tables
+        # unit of stations, which a survey replaces by its own
+        self.unit = "m"
 
     def read(self) -> SceneFile:
         """Return the scene, its start, its run and its environment."""
@@ -197,7 +201,9 @@ class _Reader:
                 raise ValueError(f'{self.file}: `{name}` is missing; or write base = "paper" at the top.')
         start = run = environment = loads = None
         sensors: list[Sensor] = []
-        for name, value in self.tables.items():
+        # the track comes first, because its survey gives the unit of stations
+        for name in sorted(self.tables, key=lambda name: name != "track"):
+            value = self.tables[name]
             if name in BODY:
                 continue
             if isinstance(value, list):
@@ -361,10 +367,10 @@ class _Reader:
         of_one = {side: [] if whole else _taken(table, side, "faults") for side in ("left", "right")}
         track = self.part("track", table, inherited)
         assert isinstance(track, AbstractTrack)
+        self.unit = getattr(track, "distance_unit", self.unit)
         if not of_all and not any(of_one.values()):
             return track
-        unit = getattr(track, "distance_unit", "m")
-        made = lambda rows, place: [self.fault(row, unit, f"{place}.faults", k) for k, row in enumerate(rows)]
+        made = lambda rows, place: [self.fault(row, f"{place}.faults", k) for k, row in enumerate(rows)]
         require(
             track.rails or not any(of_one.values()), "faults", "be [[track.faults]] on one rail", shown="of a side"
         )
@@ -373,16 +379,13 @@ class _Reader:
         }
         return FaultyTrack(track, made(of_all, "track"), **sides)
 
-    def fault(self, row: object, unit: str, place: str, number: int) -> Fault:
+    def fault(self, row: object, place: str, number: int) -> Fault:
         """Return a fault of a rail from its table.
 
-        **Arguments:** `unit`: of stations; `place`, `number`: of the table, for errors.
+        **Arguments:** `place`, `number`: of the table, for errors.
         """
         with self.placed(place, number):
-            table = dict(instance("faults", row, dict, "a table, [[track.faults]], for each fault"))
-            at = table.get("at")
-            if isinstance(at, str) and "+" in at:
-                table["at"] = f"{station('at', at, unit)!r} m"
+            table = instance("faults", row, dict, "a table, [[track.faults]], for each fault")
             return self.made(Fault, table, "faults")
 
     def programme(self, table: Table) -> SpeedProgramme:
@@ -402,7 +405,7 @@ class _Reader:
             function = SpeedProgramme.over_distance
         else:
             return self.made(SpeedProgramme, table, "speed")
-        values = arguments_from(function, table, UNITS_OF_SPEEDS)
+        values = arguments_from(function, without_stations(table, self.unit), UNITS_OF_SPEEDS)
         for name in table:
             if name not in values:
                 raise ValueError(f"`{name}` must not be given here.")
@@ -428,7 +431,7 @@ class _Reader:
     def described(self, kind: type, table: Table) -> Table:
         """Return the description of a table for a class, in SI units, including the tables within it."""
         values = {}
-        for name, value in table.items():
+        for name, value in without_stations(table, self.unit).items():
             # modules within this one: one table with a type, or a list of them
             rows: list[Any] = value if isinstance(value, list) and value else [value]
             if all(isinstance(row, dict) and TYPE in row for row in rows):
@@ -532,6 +535,20 @@ def check_known(names: Iterable[str], known: Collection[str]) -> None:
     for name in names:
         if name not in known:
             raise ValueError(f"`{name}` is none of {', '.join(known)}.{hint(name, known)}")
+
+
+def without_stations(table: Table, unit: str) -> Table:
+    """Return a table whose places along the rail are distances with a unit; `unit`: of stations."""
+    return table | {name: _from_station(name, table[name], unit) for name in PLACES if name in table}
+
+
+def _from_station(name: str, value: object, unit: str) -> object:
+    """Return a station, such as 8+00, as a distance with a unit, also in lists; other values unchanged."""
+    if isinstance(value, list):
+        return [_from_station(name, part, unit) for part in value]
+    if isinstance(value, str) and re.match(r"\s*\d+\+", value):
+        return f"{station(name, value, unit)!r} m"
+    return value
 
 
 def arguments_from(function: Callable, table: Table, units: Mapping[str, str]) -> dict[str, Any]:

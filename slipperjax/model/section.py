@@ -25,7 +25,7 @@ class Section(ShapeChecked):
 
     points: Float[Array, "points 2"] = field("m", finite)
     """y and z of the slipper's contact points [m] in the slipper's frame, whose origin is its centre of mass."""
-    play: Float[Array, " faces"] = field("m", not_negative)
+    play: Float[Array, " faces"] = field("m", not_negative, shown_unit="mm")
     """Gap at each face when slipper and rail are centred [m]."""
     names: tuple[str, ...] = eqx.field(static=True, default=tuple("ABCDEFGHIJ"))
     """Names of the points, of letters, digits, _ and -."""

@@ -30,7 +30,7 @@ class Mount(ShapeChecked):
     """Section of the slipper, with the slipper's middle as its origin; None: the section of the scene."""
     length: Float[Array, ""] | None = field("m", positive, plausible=(0.005, 20.0), default=None)
     """Distance between the slipper's front and rear section [m]; None: the length of the sled's slippers."""
-    play: Float[Array, " faces"] | None = field("m", not_negative, default=None)
+    play: Float[Array, " faces"] | None = field("m", not_negative, default=None, shown_unit="mm")
     """Play of each face, in place of the section's play [m]."""
     name: str = eqx.field(static=True, default="")
     """Name in results; empty: the rail's name with a number, as "left1", or "slipper1" without a rail."""

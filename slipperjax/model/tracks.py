@@ -281,9 +281,9 @@ class FourierTrack(_Waves):
 
     wavelengths: Float[Array, " waves"] = field("m", positive)
     """Wavelengths [m]. The first defines the forcing period."""
-    lateral: Float[Array, " waves"] = field("m", finite)
+    lateral: Float[Array, " waves"] = field("m", finite, shown_unit="mm")
     """Amplitudes of the lateral displacement [m]."""
-    vertical: Float[Array, " waves"] = field("m", finite)
+    vertical: Float[Array, " waves"] = field("m", finite, shown_unit="mm")
     """Amplitudes of the vertical displacement [m]."""
     roll: Float[Array, " waves"] | None = field("rad", finite, default=None)
     """Amplitudes of the roll angle [rad]. None: the track does not roll."""
@@ -398,7 +398,7 @@ class LocalTrack(AbstractLocalTrack):
 
     place: Float[Array, " places"] = field("m", finite)
     """Distances of their middles [m]."""
-    height: Float[Array, " places"] = field("m", finite)
+    height: Float[Array, " places"] = field("m", finite, shown_unit="mm")
     """Displacement in the middle, for a step its height [m]; negative for dips."""
     length: Float[Array, ""] = field("m", positive)
     """Length of a shape from end to end [m]."""

@@ -209,7 +209,7 @@ def _draw_slopes(ds: xr.Dataset, ax: Axes) -> None:
 def design_margins(ds: object, ax: Axes | None = None) -> Axes:
     """Draw bars for how far parameters may change, in both directions, before the orbit of a case meets an event.
 
-    A marker at the end of a bar is the event, with the parameter's value there; a bar without a marker ends where the
+    A marker at the end of a bar is the event, with the parameter's value there; a bar without an event ends where the
     search ended.
 
     **Arguments:**
@@ -235,18 +235,18 @@ def design_margins(ds: object, ax: Axes | None = None) -> Axes:
             change = 100 * relative
             text = typeset(case_words(ds, case).replace("_", " "))
             ax.plot([0, change], [row] * 2, color=color, label=text, lw=3.5, alpha=0.35, solid_capstyle="butt")
-            # the side without an event has only a bar
+            end = "no event"
             if event:
                 text = f"{event} {EVENT_NAMES[event]}"
                 ax.plot(change, row, EVENT_MARKERS[event], ms=5, color=color, zorder=3, label=text)
-                side = "right" if change < 0 else "left"
-                text = f"  {parameters[name].shown(value):.4g}  "
-                ax.text(change, row, text, va="center", ha=side, fontsize=6)
+                end = f"{parameters[name].shown(value):.4g}"
+            side = "right" if change < 0 else "left"
+            ax.text(change, row, f"  {end}  ", va="center", ha=side, fontsize=6)
         ax.axvline(0, lw=0.5, color="black", zorder=1)
         ticks = [with_unit(q.words, q.display_unit, brackets=True) for q in parameters.values()]
         ax.set_yticks(range(len(names)), ticks)
-        # percent, with space for the values next to the bars
-        farthest = 135 * max(float(np.nanmax(np.abs(ds["margin_relative"].values), initial=0.0)), 1e-9)
+        # percent, with space for the texts next to the bars
+        farthest = 150 * max(float(np.nanmax(np.abs(ds["margin_relative"].values), initial=0.0)), 1e-9)
         ax.set(xlabel="change of the parameter [%]", xlim=(-farthest, farthest), ylim=(len(names) - 0.5, -0.5))
     return ax
 

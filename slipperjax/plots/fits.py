@@ -112,7 +112,10 @@ def _draw_densities(ax: Axes, at: xr.Dataset) -> None:
     ax.fill_between(x, at["density_low"], at["density_high"], **likely)
     ax.plot(x, at["density"], lw=0.8, color=line_color(0), label="model")
     ax.plot(x, at["measured_density"], ".-", ms=3, lw=0.6, color=COLORS["grey"], label="measured")
-    text = f"density of {at['sensor'].item()} [({typeset(at['sensor_unit'].item())})$^2$/Hz]"
+    unit = at["sensor_unit"].item()
+    # only a single unit is squared without brackets
+    square = f"{unit}^2" if unit.isalpha() else f"({unit})^2"
+    text = f"density of {at['sensor'].item()} [{typeset(f'{square}/Hz')}]"
     ax.set(xscale="log", yscale="log", xlabel="frequency [Hz]", ylabel=text)
 
 

@@ -579,8 +579,8 @@ def entitle(figure: Figure, *lines: str) -> None:
     text = "\n".join(filter(None, [figure.get_suptitle(), *lines]))
     if text and _look.get().titles:
         size = setting("figure.titlesize")
-        # a letter is about half as wide as the font is high
-        letters = int(72 * figure.get_figwidth() / (0.5 * size))
+        # a letter is half as wide as the font is high, with a margin for wide ones
+        letters = int(72 * figure.get_figwidth() / (0.54 * size))
         figure.suptitle("\n".join(_wrapped(line, letters) for line in text.splitlines()), fontsize=size, wrap=True)
 
 

@@ -227,7 +227,7 @@ def test_rotation_numbers():
     wobble = angle + 0.3 * np.sin(angle)
     both = np.stack([wobble, np.angle(np.exp(1j * wobble)), -wobble])
     # of a plain mean 1e-4
-    np.testing.assert_allclose(mean_turn(both), np.mod([GOLDEN, GOLDEN, -GOLDEN], 1), atol=1e-10)
+    np.testing.assert_allclose(mean_turn(both), np.mod([GOLDEN, GOLDEN, -GOLDEN], 1), rtol=0, atol=1e-10)
     # turns to both sides of none
     assert mean_turn(0.5 * np.sin(angle)) == pytest.approx(0.0, abs=1e-8)
     assert mean_turn(2 * np.pi / 3 * np.arange(10)) == pytest.approx(1 / 3)
@@ -238,7 +238,7 @@ def test_rotation_numbers_of_states():
     curve = np.stack([np.cos(phase) + 0.2 * np.cos(2 * phase), np.sin(phase), 0.3 * np.sin(3 * phase)], axis=-1)
     # in any direction, from 0 to 1/2
     found = rotation_number(np.stack([curve, curve[::-1], curve[:, ::-1]]))
-    np.testing.assert_allclose(found, min(GOLDEN, 1 - GOLDEN), atol=1e-10)  # measured 1e-16
+    np.testing.assert_allclose(found, min(GOLDEN, 1 - GOLDEN), rtol=0, atol=1e-10)  # measured 1e-16
     assert np.isnan(rotation_number(np.random.default_rng(0).standard_normal((500, 2))))
     with pytest.raises(ValueError, match="`states` must be of three periods or more and of two numbers or more"):
         rotation_number(curve[:, :1])

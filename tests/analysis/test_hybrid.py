@@ -39,10 +39,12 @@ def test_impacts_and_their_jacobians_are_those_of_the_closed_form():
     slopes, (end, touches, _) = jax.jit(jax.jacfwd(lambda s: 2 * (EXACT.followed(s),), has_aux=True))(state)
     assert touches >= 1
     step = stopped()
-    np.testing.assert_allclose(eqx.filter_jit(step)(state, 0.0), end, atol=1e-9)  # measured 5e-11
-    np.testing.assert_allclose(jacobians(step, state, 1)[0], slopes[0], atol=5e-9)  # measured 3e-10
+    np.testing.assert_allclose(eqx.filter_jit(step)(state, 0.0), end, rtol=0, atol=1e-9)  # measured 5e-11
+    np.testing.assert_allclose(jacobians(step, state, 1)[0], slopes[0], rtol=0, atol=5e-9)  # measured 3e-10
     reverse = jax.jit(jax.jacrev(lambda s: stopped(steps=40)(s, 0.0)))(state)
-    np.testing.assert_allclose(reverse, jacobians(stopped(steps=40), state, 1)[0], atol=1e-13)  # measured 1e-15
+    np.testing.assert_allclose(
+        reverse, jacobians(stopped(steps=40), state, 1)[0], rtol=0, atol=1e-13
+    )  # measured 1e-15
 
 
 @pytest.mark.full
@@ -62,7 +64,9 @@ def test_derivatives_by_what_a_step_closes_over_are_those_of_its_loop():
 def test_an_orbit_with_an_impact_contracts_areas_by_damping_and_restitution():
     orbit = shoot(stopped(), jnp.array([0.1, 0.3]), tolerance=1e-12)
     assert orbit.residual < 1e-12
-    np.testing.assert_allclose(eqx.filter_jit(EXACT)(orbit.state, 0.0), orbit.state, atol=2e-9)  # measured 1e-10
+    np.testing.assert_allclose(
+        eqx.filter_jit(EXACT)(orbit.state, 0.0), orbit.state, rtol=0, atol=2e-9
+    )  # measured 1e-10
     touches = int(EXACT.followed(orbit.state)[1])
     assert touches == 1
     area = RESTITUTION ** (2 * touches) * np.exp(-2 * DAMPING * PERIOD)
@@ -76,9 +80,11 @@ def test_returns_to_a_section_are_those_of_a_focus():
     step = return_step(field, lambda t, s: -s[1], dt=0.01)  # from y rising through zero
     factor = np.exp(-decay * 2 * np.pi / turn)
     ends = jax.jit(jax.vmap(lambda x: step(jnp.stack([x, 0 * x]), 0.0)))(jnp.array([0.5, 2.0]))
-    np.testing.assert_allclose(ends, np.array([[0.5, 0.0], [2.0, 0.0]]) * factor, atol=3e-8)  # measured 7e-9, of RK4
+    np.testing.assert_allclose(
+        ends, np.array([[0.5, 0.0], [2.0, 0.0]]) * factor, rtol=0, atol=3e-8
+    )  # measured 7e-9, of RK4
     found = multipliers(jacobians(step, jnp.array([1e-3, 0.0]), 1))
-    np.testing.assert_allclose(found, [factor, 0.0], atol=2e-8)  # measured 4e-9
+    np.testing.assert_allclose(found, [factor, 0.0], rtol=0, atol=2e-8)  # measured 4e-9
     lost = return_step(field, lambda t, s: -s[1], dt=0.01, most=100)  # a turn takes 209 steps
     assert np.all(np.isnan(lost(jnp.array([1.0, 0.0]), 0.0)))
 
@@ -136,7 +142,7 @@ def test_the_instant_of_a_crossing_is_where_the_gap_goes_to_its_sign_at_the_end(
 def test_a_gap_that_nearly_touches_before_it_crosses_and_one_that_does_not_cross():
     touching = lambda t, x: ((x - 0.5) ** 2 + 1e-6) * (0.75 - x)
     share = jax.jit(lambda wanted: share_before(touching, lambda x: x, 0.0, 1.0, wanted))(True)
-    np.testing.assert_allclose(share, 0.75, atol=1e-13)  # measured: 0
+    np.testing.assert_allclose(share, 0.75, rtol=0, atol=1e-13)  # measured: 0
     open_gap = lambda a: share_before(lambda t, x: a, lambda x: x, 0.0, 1.0, a < 0)
     share, slope = jax.jit(jax.value_and_grad(open_gap))(1.0)
     assert (share, slope) == (1.0, 0.0)
@@ -187,7 +193,7 @@ def test_a_ball_comes_to_rest_on_the_floor_and_never_passes_it(dt, restitution):
     first = (times > fall) & (times < fall * (1 + 2 * restitution))
     if restitution:
         exact = jax.vmap(lambda time: bounced(start, restitution, time))(times[first])
-        np.testing.assert_allclose(states[first], exact, atol=1e-12)  # measured: 3e-14
+        np.testing.assert_allclose(states[first], exact, rtol=0, atol=1e-12)  # measured: 3e-14
     # at rest all neighbours come to the same; measured: 1e-32
     np.testing.assert_allclose(jax.jacfwd(lambda s: step(s, 0.0))(jnp.zeros(2)), 0.0, atol=1e-30)
 
@@ -211,9 +217,11 @@ def test_a_ball_on_a_shaking_table_is_thrown_off_where_its_weight_no_longer_hold
     place, speed = table(off)
     thrown = lambda left: jnp.stack([place + speed * left - GRAVITY * left**2 / 2, speed - GRAVITY * left])
     free = (times > off) & (times < 0.1)
-    np.testing.assert_allclose(states[free], jax.vmap(thrown)(times[free] - off), atol=1e-14)  # measured: 9e-16
+    np.testing.assert_allclose(
+        states[free], jax.vmap(thrown)(times[free] - off), rtol=0, atol=1e-14
+    )  # measured: 9e-16
     on = np.stack(table(times[times < off]), axis=1)
-    np.testing.assert_allclose(states[times < off], on, atol=1e-15)  # measured: 6e-17
+    np.testing.assert_allclose(states[times < off], on, rtol=0, atol=1e-15)  # measured: 6e-17
     assert np.all(states[:, 0] - table(times)[0] > -1e-15)
 
 
@@ -247,7 +255,7 @@ def test_a_switch_there_and_back_within_one_step_is_noticed(side):
     root = 0.05**0.5
     left = 1 - (0.5 - root) - 2 * root / 3
     exact = [root * left + left**2 / 2, root + left]
-    np.testing.assert_allclose(side * end, exact, atol=1e-12)  # measured: 6e-17
+    np.testing.assert_allclose(side * end, exact, rtol=0, atol=1e-12)  # measured: 6e-17
 
 
 def rubbing(frequency, friction, steps):
@@ -292,13 +300,13 @@ def test_dry_friction_slides_where_both_fields_point_to_the_surface():
     for steps, error in ((400, 3e-7), (1600, 3e-9)):
         step = rubbing(0.4, 0.6, steps)
         end = eqx.filter_jit(step)(jnp.asarray(start), 0.0)
-        np.testing.assert_allclose(end, exact, atol=error)
+        np.testing.assert_allclose(end, exact, rtol=0, atol=error)
         found = map_spectrum(step, jnp.asarray(start), 40, transient=10)
         # superstable: +4.4 and +22.4, which are no exponents, where the motion was stepped across the surface
         np.testing.assert_allclose(found.weighted[0], -2.985, atol=0.02)
         # what is left is rounding: -292 and below -300, by the version of JAX
         assert found.per_period[1] < -200
-    np.testing.assert_allclose(jacobians(rubbing(0.4, 0.6, 400), jnp.asarray(start), 1)[0], slopes, atol=3e-6)
+    np.testing.assert_allclose(jacobians(rubbing(0.4, 0.6, 400), jnp.asarray(start), 1)[0], slopes, rtol=0, atol=3e-6)
 
 
 @pytest.mark.full
@@ -312,7 +320,7 @@ def test_a_motion_slides_along_an_oblique_surface_and_leaves_it():
     # touches at t = 0.8 and x = 0.8; then x' = (2 - t) / (3.25 - t) until t = 2, as rates of s are -1.25 and 2 - t
     x = 0.8 + 1.2 - 1.25 * np.log(2.45 / 1.25)
     # below from then on, with y' = 2 - t
-    np.testing.assert_allclose(end, [x, x / 4 - 0.5], atol=1e-8)
+    np.testing.assert_allclose(end, [x, x / 4 - 0.5], rtol=0, atol=1e-8)
     slope = jacobians(step, jnp.array([0.0, 1.0]), 1)[0]
     # a plane of starts ends on a line
     assert abs(np.linalg.det(slope)) < 1e-12
@@ -328,7 +336,7 @@ def test_the_page_s_oscillator_doubles_its_period_where_the_closed_form_does():
     assert abs(frequency - 2.3583) < 1e-4
     exact = Stopped(*map(jnp.asarray, (DAMPING, frequency, 1.0, GAP, np.inf, RESTITUTION)))
     orbit = shoot(lambda s, k: exact(s, k), jnp.array([x, v]))
-    np.testing.assert_allclose(orbit.state, [x, v], atol=1e-8)
-    np.testing.assert_allclose(multipliers(orbit.matrices)[0], -1.0, atol=1e-7)
+    np.testing.assert_allclose(orbit.state, [x, v], rtol=0, atol=1e-8)
+    np.testing.assert_allclose(multipliers(orbit.matrices)[0], -1.0, rtol=0, atol=1e-7)
     spectrum = map_spectrum(names["oscillator"](2.3), names["orbit"].state, 1000, transient=200)
     assert np.all(spectrum.per_period < 0)

@@ -160,15 +160,17 @@ def test_linear_ode_by_diffrax():
     rates, t0 = jnp.array([1.0, 2.0, 5.0]), 0.3
     options = dict(dt=0.01, steps=100, args=rates, solver=diffrax.Dopri5(), t0=t0, align=30)
     run = ode_spectrum(decay, jnp.ones(3), 20, **options)
-    np.testing.assert_allclose(run.per_second, -rates, atol=1e-5)  # measured 9e-11
+    np.testing.assert_allclose(run.per_second, -rates, rtol=0, atol=1e-5)  # measured 9e-11
     assert run.history.shape == (20, 3)
     assert float(run.kaplan_yorke) == 0
     # the steady motion, which shows that the step knows the time
     t = t0 + 50
     np.testing.assert_allclose(run.state, (rates * np.cos(t) + np.sin(t)) / (1 + rates**2), rtol=1e-9)
     by_period = ode_spectrum(decay, jnp.ones(3), 20, period=0.25, **options)
-    np.testing.assert_allclose(by_period.per_period, -rates / 4, atol=1e-5)  # an interval of 1 has four periods
-    np.testing.assert_allclose(by_period.per_second, -rates, atol=1e-5)
+    np.testing.assert_allclose(
+        by_period.per_period, -rates / 4, rtol=0, atol=1e-5
+    )  # an interval of 1 has four periods
+    np.testing.assert_allclose(by_period.per_second, -rates, rtol=0, atol=1e-5)
 
 
 @pytest.fixture(scope="module")
@@ -183,9 +185,9 @@ def test_intervals_of_alignment_are_not_counted(henon_run):
 
 def test_the_first_exponent_needs_no_others_and_is_that_of_two_trajectories(henon_run):
     one = map_spectrum(henon, HENON_START, 30, count=1)
-    np.testing.assert_allclose(one.history[:, 0], henon_run.history[:, 0], atol=1e-7)  # measured 5e-11
+    np.testing.assert_allclose(one.history[:, 0], henon_run.history[:, 0], rtol=0, atol=1e-7)  # measured 5e-11
     pair = jax.jit(lambda start: two_trajectories(henon, start, 30))(HENON_START)
-    np.testing.assert_allclose(pair, henon_run.history[:, 0], atol=1e-5)  # measured 1.6e-6
+    np.testing.assert_allclose(pair, henon_run.history[:, 0], rtol=0, atol=1e-5)  # measured 1.6e-6
 
 
 def test_floquet_multipliers_of_a_fixed_point():
@@ -195,7 +197,7 @@ def test_floquet_multipliers_of_a_fixed_point():
     np.testing.assert_allclose(found, [-1.4 * x - root, -1.4 * x + root], rtol=1e-12)
     turn = lambda s, k: k * jnp.array([[0.0, -1.0], [1.0, 0.0]]) @ s
     clockwork = multipliers(jacobians(turn, jnp.ones(2), 1, index=0.5))
-    np.testing.assert_allclose(np.sort_complex(clockwork), [-0.5j, 0.5j], atol=1e-15)
+    np.testing.assert_allclose(np.sort_complex(clockwork), [-0.5j, 0.5j], rtol=0, atol=1e-15)
 
 
 def test_a_metric_that_moves_gives_the_same_exponents(henon_run):
@@ -203,7 +205,7 @@ def test_a_metric_that_moves_gives_the_same_exponents(henon_run):
     run = map_spectrum(henon, HENON_START, 30, scale=scale)
     ends = [np.log(2 + np.sin(x)) for x in (HENON_START["x"], float(run.state["x"]))]
     grown = np.sum(run.history) - np.sum(henon_run.history)
-    np.testing.assert_allclose(grown, ends[1] - ends[0], atol=1e-6)  # each end has its own metric for areas
+    np.testing.assert_allclose(grown, ends[1] - ends[0], rtol=0, atol=1e-6)  # each end has its own metric for areas
     ratio = np.abs(np.sum(run.history - henon_run.history, axis=0))
     assert np.all(ratio < np.log(2 * 3e3 / 1e-2))  # bound on the ratio of weighted and plain norms
     norms = jax.tree.map(lambda w, t: (w * np.asarray(t)) ** 2, scale(run.state), run.tangents)
@@ -219,7 +221,7 @@ def test_a_component_without_weight_is_carried_along(henon_run):
     start = HENON_START | {"memory": np.zeros(3)}
     run = map_spectrum(with_memory, start, 30, count=2, scale=lambda s: {"x": 1.0, "y": 1.0, "memory": 0.0})
     # the first directions may differ, but soon converge
-    np.testing.assert_allclose(run.history[20:], henon_run.history[20:], atol=1e-6)  # measured 2e-16
+    np.testing.assert_allclose(run.history[20:], henon_run.history[20:], rtol=0, atol=1e-6)  # measured 2e-16
     # y is 0.3 times the previous x, and the memory 1e6 times it; both were divided by the same norms
     expected = np.asarray(run.tangents["y"])[:, None] / 0.3 * 1e6 * np.ones((1, 3))
     np.testing.assert_allclose(run.tangents["memory"], expected, rtol=1e-9)
@@ -228,12 +230,12 @@ def test_a_component_without_weight_is_carried_along(henon_run):
 def test_an_annihilated_direction_starts_anew():
     forget = lambda s, k: jnp.stack([2.0 * s[0], s[1] * 3.0, 0.0 * s[2]])
     run = map_spectrum(forget, jnp.array([0.0, 0.0, 1.0]), 50, align=40)
-    np.testing.assert_allclose(run.per_period[:2], np.log([3.0, 2.0]), atol=1e-6)
+    np.testing.assert_allclose(run.per_period[:2], np.log([3.0, 2.0]), rtol=0, atol=1e-6)
     assert np.all(run.history[:, 2] < -30)
     tangents = np.asarray(run.tangents)
-    np.testing.assert_allclose(tangents @ tangents.T, np.eye(3), atol=1e-14)
+    np.testing.assert_allclose(tangents @ tangents.T, np.eye(3), rtol=0, atol=1e-14)
     rows, logs = sj.jit(lambda r: gram_schmidt(r, jnp.ones(2)))(jnp.array([[2.0, 0.0], [0.0, 0.0]]))
-    np.testing.assert_allclose(rows @ rows.T, np.eye(2), atol=1e-15)
+    np.testing.assert_allclose(rows @ rows.T, np.eye(2), rtol=0, atol=1e-15)
     assert logs[0] == np.log(2)
     assert -360 < logs[1] < -350
 
@@ -364,7 +366,7 @@ def test_chaos_that_ends_after_its_record_is_never_resolved():
 def test_weighted_mean_of_a_quasi_periodic_series():
     history = 0.3 + np.cos(2 * np.pi * 0.618 * np.arange(300))[:, None]
     assert abs(history.mean() - 0.3) > 1e-4
-    np.testing.assert_allclose(weighted_mean(history), 0.3, atol=1e-9)  # measured 7e-16
+    np.testing.assert_allclose(weighted_mean(history), 0.3, rtol=0, atol=1e-9)  # measured 7e-16
 
 
 @pytest.mark.parametrize(

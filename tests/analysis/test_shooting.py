@@ -32,12 +32,12 @@ class Forced(eqx.Module):
 def test_a_linear_oscillator_has_its_closed_form(segments):
     system = Forced(jnp.asarray(0.1), jnp.asarray(1.3), segments)
     found = shoot(system, jnp.array([5.0, -3.0]), intervals=segments)
-    np.testing.assert_allclose(found.state, system.arc.steady(0.0), atol=1e-12)
+    np.testing.assert_allclose(found.state, system.arc.steady(0.0), rtol=0, atol=1e-12)
     period, root = 2 * np.pi / 1.3, np.sqrt(1 - 0.01)
     exact = np.exp(-0.1 * period + 1j * root * period * np.array([1, -1]))
     # measured: 2e-14, whatever the number of segments
     found_multipliers = np.asarray(multipliers(np.asarray(found.matrices)))
-    np.testing.assert_allclose(np.sort_complex(found_multipliers), np.sort_complex(exact), atol=1e-12)
+    np.testing.assert_allclose(np.sort_complex(found_multipliers), np.sort_complex(exact), rtol=0, atol=1e-12)
     assert int(found.iterations) == 1  # Newton's method is exact for a linear map
 
 
@@ -57,12 +57,12 @@ def test_logistic_orbits_and_multipliers():
     rate = 3.3
     found = shoot(LOGISTIC(jnp.asarray(rate)), jnp.asarray([0.4]), intervals=2)
     root = np.sqrt((rate - 3) * (rate + 1))
-    np.testing.assert_allclose(float(found.state[0]), (rate + 1 - root) / (2 * rate), atol=1e-12)
-    np.testing.assert_allclose(multipliers(np.asarray(found.matrices)), [4 + 2 * rate - rate**2], atol=1e-11)
+    np.testing.assert_allclose(float(found.state[0]), (rate + 1 - root) / (2 * rate), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(multipliers(np.asarray(found.matrices)), [4 + 2 * rate - rate**2], rtol=0, atol=1e-11)
     # the unstable fixed point, which no simulation finds
     fixed = shoot(LOGISTIC(jnp.asarray(rate)), jnp.asarray([0.6]))
-    np.testing.assert_allclose(float(fixed.state[0]), 1 - 1 / rate, atol=1e-12)
-    np.testing.assert_allclose(multipliers(np.asarray(fixed.matrices)), [2 - rate], atol=1e-12)
+    np.testing.assert_allclose(float(fixed.state[0]), 1 - 1 / rate, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(multipliers(np.asarray(fixed.matrices)), [2 - rate], rtol=0, atol=1e-12)
 
 
 def test_minimal_periods_are_found_among_divisors():
@@ -95,6 +95,6 @@ def test_linear_systems():
     matrix[0, 0] = 0.0  # needs a pivot
     for rhs in (rng.standard_normal(30), rng.standard_normal((30, 4))):
         found = jax.jit(solve)(matrix, rhs)
-        np.testing.assert_allclose(matrix @ found, rhs, atol=1e-9 * np.abs(matrix).max())
+        np.testing.assert_allclose(matrix @ found, rhs, rtol=0, atol=1e-9 * np.abs(matrix).max())
         np.testing.assert_allclose(found, np.linalg.solve(matrix, rhs), rtol=1e-8)
     assert not np.all(np.isfinite(jax.jit(solve)(np.ones((2, 2)), np.ones(2))))

@@ -262,7 +262,7 @@ def test_reproduce_writes_each_run_when_it_is_done(replaced, tmp_path, capsys):
     assert [drawn.args for drawn in draw.call_args_list] == [(one, out) for one in done]
     both = ["A1", "A2"]
     assert reports == [(["A1"], "claims_partial", []), (both, "claims_partial", []), (both, "claims", [])]
-    assert "a: figures 5 in 1.5 s" in text
+    assert "a: figure 5 in 1.5 s" in text
     assert f"1 of 2 claims reproduced, 1 differ: see {out / 'report.md'}" in text
     call(["reproduce", "--out", out], capsys)  # all figures: with the readings of the whole study
     assert reports[-1][2] == "table"

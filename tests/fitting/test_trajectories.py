@@ -71,6 +71,7 @@ def test_a_fit_is_a_file_that_runs_again(found, tmp_path):
     axes = result.plot()
     assert axes.shape == (2, 2)
     assert "fit: converged" in axes[0, 0].figure.get_suptitle()
+    assert axes[1, 0].get_ylabel() == "density of az [(m/s$^{2}$)$^{2}$/Hz]"
     plt.close("all")
 
 

@@ -6,10 +6,14 @@ import re
 import equinox as eqx
 import numpy as np
 import pytest
+import xarray as xr
 
 import slipperjax as sj
+from slipperjax.cli.sweep import make_grid
 from slipperjax.flow.datasets import scene_attributes
 from slipperjax.model import scene_from_json, scene_from_toml, scene_to_json
+from slipperjax.model.quantities import ShownUnits
+from slipperjax.plots.style import shown
 from slipperjax.sweeps.compare import on_rails
 
 FAULTS = """
@@ -50,9 +54,9 @@ def test_faults_are_added_to_their_rails():
     places = np.array([0.0, 8.0, 12.0, 20.0, 30.0])
     left, right = (track.rails[side].irregularity(places) for side in ("left", "right"))
     step = 0.030 * 25.4e-3
-    np.testing.assert_allclose(left.vertical, [0.0, step / 2, step, step - 1e-3, step], atol=1e-15)
+    np.testing.assert_allclose(left.vertical, [0.0, step / 2, step, step - 1e-3, step], rtol=0, atol=1e-15)
     np.testing.assert_array_equal(right.vertical, 0.0)
-    np.testing.assert_allclose(right.lateral, [0.0, 0.0, 0.0, 0.0, -2e-3], atol=1e-15)
+    np.testing.assert_allclose(right.lateral, [0.0, 0.0, 0.0, 0.0, -2e-3], rtol=0, atol=1e-15)
 
 
 def test_numbers_of_faults_are_parameters_by_the_names_of_the_file():
@@ -66,8 +70,8 @@ def test_numbers_of_faults_are_parameters_by_the_names_of_the_file():
     moved = scene.replace(**{"track.left.faults.weld 7.height": -3e-3, "track.faults.0.at": 40.0})
     left = moved.track.rails["left"].irregularity(np.array([20.0, 30.0, 40.0]))
     step = 0.030 * 25.4e-3
-    np.testing.assert_allclose(left.vertical, [step - 3e-3, step, step], atol=1e-15)
-    np.testing.assert_allclose(left.lateral, [0.0, 0.0, -2e-3], atol=1e-15)
+    np.testing.assert_allclose(left.vertical, [step - 3e-3, step, step], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(left.lateral, [0.0, 0.0, -2e-3], rtol=0, atol=1e-15)
     for text in (scene.to_toml(), moved.to_toml()):
         assert scene_from_toml(text).scene.to_toml() == text
     assert eqx.tree_equal(scene, scene_from_json(scene_to_json(scene)))
@@ -130,3 +134,45 @@ def test_a_fault_on_a_survey_is_at_a_station(tmp_path):
     assert float(moved.track.irregularity(np.array([800 * 0.3048])).vertical[0]) == pytest.approx(2e-3)
     with pytest.raises(ValueError, match=r"sled\.toml, line 5: .*`at` must be a station in ft"):
         scene_from_toml(text.replace("8+00", "8+0000"), str(tmp_path / "sled.toml"))
+
+
+@pytest.mark.full
+def test_every_place_along_the_rail_may_be_a_station(tmp_path):
+    rows = "\n".join(f"{at},0,0" for at in range(0, 1000, 5))
+    (tmp_path / "survey.csv").write_text(f"chainage [ft],lateral [mm],vertical [mm]\n{rows}")
+    read = lambda *lines: scene_from_toml("\n".join(['base = "paper"', *lines]), str(tmp_path / "sled.toml"))
+    survey = ["[track]", 'file = "survey.csv"']
+    # the run comes before the survey, whose unit its stations have
+    run = ["[run]", 'length = "30 m"', 'begin = "4+00"']
+    assert read(*run, *survey).run["begin"] == pytest.approx(400 * 0.3048, rel=1e-15)
+    way = read("[speed]", 'distance = ["1+00", "5+00.5"]', 'speed = ["300 m/s", "200 m/s"]', *survey).scene.speed
+    np.testing.assert_allclose(way.distance, 0.3048 * np.array([100.0, 500.5]), rtol=1e-15)
+    stages = [
+        "[speed]",
+        'start = "9 m/s"',
+        'begin = "2+00"',
+        'stages = [{ acceleration = "1 m/s^2", length = "9 m" }]',
+    ]
+    assert float(read(*stages, *survey).scene.speed.distance[0]) == pytest.approx(200 * 0.3048, rel=1e-15)
+    # without a survey stations are in metres, and a number with an exponent is none
+    assert read("[run]", 'length = "30 m"', 'begin = "1+250"').run["begin"] == 1250.0
+    assert read("[run]", 'length = "30 m"', 'begin = "1e+2 m"').run["begin"] == 100.0
+    with pytest.raises(ValueError, match=r"sled\.toml, line 4: .*`begin` must be a station in m.*'4\+00'"):
+        read(*run)
+    # a length is no place
+    with pytest.raises(ValueError, match="`length` must be a number with a unit"):
+        read("[run]", 'length = "1+250"')
+
+
+def test_heights_of_faults_have_the_unit_of_small_lengths():
+    height = sj.model.parameter("track.left.faults.weld 7.height", scene_from_toml(FAULTS).scene)
+    assert height.named(-0.001) == "track.left.faults.weld 7.height -1 mm"
+    assert ShownUnits(("ft", "lbf")).of(height).named(0.030 * 0.0254).endswith("height 0.03 in")
+    # in a result, which knows the path by its attributes alone
+    ds = xr.Dataset(coords={height.name: (height.name, [0.0, 0.0254], height.attributes)})
+    drawn = shown(ds, height.name, ShownUnits(("ft",)))
+    assert drawn.units == "in"
+    np.testing.assert_allclose(drawn, [0.0, 1.0], rtol=1e-15)
+    # a number of the command line is in the SI unit at a path, in the display unit by a name
+    grid = make_grid(scene_from_toml(FAULTS).scene, (height.name, 0.0, 2e-3, 2), ("clearance", "1 mm", 2.0, 2))
+    np.testing.assert_allclose([grid[height.name], grid["clearance"]], [[0.0, 2e-3], [1e-3, 2e-3]], rtol=1e-15)

@@ -82,12 +82,12 @@ def test_a_rail_with_ends_is_a_natural_spline():
     bend = jax.jit(lambda x: jax.jvp(lambda x: track.motion(x)[1], (x,), (jnp.ones_like(x),))[1])(inside)
     for name, samples in (("lateral", lateral), ("vertical", vertical)):
         spline = CubicSpline(distance, samples, bc_type="natural")
-        np.testing.assert_allclose(getattr(here, name), spline(inside), atol=1e-15)
-        np.testing.assert_allclose(getattr(slope, name), spline(inside, 1), atol=1e-13)
-        np.testing.assert_allclose(getattr(bend, name), spline(inside, 2), atol=1e-12)
+        np.testing.assert_allclose(getattr(here, name), spline(inside), rtol=0, atol=1e-15)
+        np.testing.assert_allclose(getattr(slope, name), spline(inside, 1), rtol=0, atol=1e-13)
+        np.testing.assert_allclose(getattr(bend, name), spline(inside, 2), rtol=0, atol=1e-12)
     # level before it, where the rear of a slipper begins
     before, beyond = np.array([part.lateral for part in motion_of(track, np.array([2.9, 21.1]))]).T
-    np.testing.assert_allclose(before, [lateral[0], 0.0], atol=1e-15)
+    np.testing.assert_allclose(before, [lateral[0], 0.0], rtol=0, atol=1e-15)
     assert np.isnan(beyond).all()
     assert here.roll is None
 
@@ -119,14 +119,14 @@ def test_a_rail_that_repeats_is_closed_over_its_ramp():
     x = np.clip((distance - 30.0) / 10.0, 0.0, 1.0)
     added = x**3 * (10 - 15 * x + 6 * x**2)
     np.testing.assert_array_equal(track.lateral, wave)
-    np.testing.assert_allclose(track.vertical, open_rail["vertical"] - 8e-5 * added, atol=1e-17)
-    np.testing.assert_allclose(track.roll, open_rail["roll"] - 3e-4 * added, atol=1e-17)
+    np.testing.assert_allclose(track.vertical, open_rail["vertical"] - 8e-5 * added, rtol=0, atol=1e-17)
+    np.testing.assert_allclose(track.roll, open_rail["roll"] - 3e-4 * added, rtol=0, atol=1e-17)
     places = np.linspace(-30.0, 90.0, PLACES.size)
     assert largest(at(track, places), at(track, places + 40.0)) < 1e-15  # measured 4e-17
     # a closed rail is closed: files come back to the last bit, without a warning
     assert eqx.tree_equal(scene_from_json(scene_to_json(on(track))).track, track)
     traced = jax.jit(lambda v: sj.model.SampledTrack(distance, wave, v, ends="repeat", ramp=10.0).vertical)
-    np.testing.assert_allclose(traced(open_rail["vertical"]), track.vertical, atol=1e-17)
+    np.testing.assert_allclose(traced(open_rail["vertical"]), track.vertical, rtol=0, atol=1e-17)
 
 
 def test_slopes_are_the_derivatives_of_displacements():
@@ -152,7 +152,7 @@ def test_uneven_samples_are_resampled_and_the_error_is_said():
     traced = jax.jit(lambda w: sj.model.SampledTrack(distance, w, 0.0, ends="error").irregularity(middle).lateral)(
         wave
     )
-    np.testing.assert_allclose(traced, here, atol=1e-15)
+    np.testing.assert_allclose(traced, here, rtol=0, atol=1e-15)
 
 
 @pytest.mark.parametrize(
@@ -195,9 +195,13 @@ def test_tracks_survive_files():
 def test_local_shapes_have_their_height_length_and_place():
     dips, step, joints = LOCAL.values()
     there = lambda track, *places: at(track, np.array(places))
-    np.testing.assert_allclose(there(dips, 4.0, 20.0, 3.7, 4.3, 10.0).vertical, [-1e-3, -2e-3, 0, 0, 0], atol=1e-18)
-    np.testing.assert_allclose(there(step, 11.4, 12.0, 12.6).lateral, [0, 2.5e-4, 5e-4], atol=1e-18)
-    np.testing.assert_allclose(there(joints, 1.0, 5.0, 101.0, 3.0).vertical, [-3e-4, -3e-4, -3e-4, 0], atol=1e-18)
+    np.testing.assert_allclose(
+        there(dips, 4.0, 20.0, 3.7, 4.3, 10.0).vertical, [-1e-3, -2e-3, 0, 0, 0], rtol=0, atol=1e-18
+    )
+    np.testing.assert_allclose(there(step, 11.4, 12.0, 12.6).lateral, [0, 2.5e-4, 5e-4], rtol=0, atol=1e-18)
+    np.testing.assert_allclose(
+        there(joints, 1.0, 5.0, 101.0, 3.0).vertical, [-3e-4, -3e-4, -3e-4, 0], rtol=0, atol=1e-18
+    )
     assert (float(joints.recurrence), float(dips.recurrence)) == (float(joints.every), np.inf)
     with pytest.raises(ValueError, match="`every` must be None for steps"):
         dataclasses.replace(step, every=jnp.asarray(2.0))
@@ -206,7 +210,7 @@ def test_local_shapes_have_their_height_length_and_place():
 def test_sums_add_and_recur_with_all_their_parts():
     here = at(SUM)
     parts = [at(track) for track in (HARMONIC, LOCAL["dips"], LOCAL["joints"])]
-    np.testing.assert_allclose(here.vertical, sum(part.vertical for part in parts), atol=1e-18)
+    np.testing.assert_allclose(here.vertical, sum(part.vertical for part in parts), rtol=0, atol=1e-18)
     np.testing.assert_allclose(here.roll, parts[0].roll)
     assert float(SUM.recurrence) == np.inf
     twice = sj.model.SumTrack(sj.HarmonicTrack((8.0,), 1e-3), sj.HarmonicTrack((12.0, 6.0), 1e-4))
@@ -245,9 +249,9 @@ def test_fourier_tracks_have_their_own_amplitudes_and_phases():
     x = np.asarray(PLACES)
     here = at(FOURIER)
     wave = lambda length, phase=0.0: np.sin(2 * np.pi * x / length + phase)
-    np.testing.assert_allclose(here.lateral, 1e-3 * wave(8) + 2e-4 * wave(2), atol=1e-15)
-    np.testing.assert_allclose(here.vertical, 1e-3 * wave(8, np.pi / 2), atol=1e-15)
-    np.testing.assert_allclose(here.roll, 2e-3 * wave(8), atol=1e-15)
+    np.testing.assert_allclose(here.lateral, 1e-3 * wave(8) + 2e-4 * wave(2), rtol=0, atol=1e-15)
+    np.testing.assert_allclose(here.vertical, 1e-3 * wave(8, np.pi / 2), rtol=0, atol=1e-15)
+    np.testing.assert_allclose(here.roll, 2e-3 * wave(8), rtol=0, atol=1e-15)
     assert float(FOURIER.recurrence) == 8.0
     equal = sj.model.FourierTrack((8.0,), (1e-3,), (1e-3,), (2e-3,))
     assert largest(at(equal), at(HARMONIC)) < 1e-17
@@ -321,7 +325,7 @@ def test_one_seed_is_one_rail_at_any_scale_and_coherence_is_correlation():
     np.testing.assert_allclose(rougher.vertical, 3 * here.vertical, rtol=1e-12, atol=1e-18)
     assert largest(at(dataclasses.replace(rail, seed=5.0)), here) > 1e-5
     coherent = at(dataclasses.replace(rail, coherence=1.0))
-    np.testing.assert_allclose(coherent.lateral, coherent.vertical, atol=1e-16)
+    np.testing.assert_allclose(coherent.lateral, coherent.vertical, rtol=0, atol=1e-16)
 
 
 def test_wrong_random_rails_are_named():

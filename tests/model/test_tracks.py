@@ -55,9 +55,9 @@ def test_harmonic_irregularity_and_its_slope():
     here, slope = motion_of(track, distance)
     shape = np.sin(2 * np.pi * distance / 8) + np.sin(2 * np.pi * distance / 12)
     rate = 2 * np.pi * (np.cos(2 * np.pi * distance / 8) / 8 + np.cos(2 * np.pi * distance / 12) / 12)
-    np.testing.assert_allclose(here.lateral, 1e-3 * shape, atol=1e-15)
-    np.testing.assert_allclose(here.roll, 2e-3 * shape, atol=1e-15)
-    np.testing.assert_allclose(slope.vertical, 1e-3 * rate, atol=1e-15)
+    np.testing.assert_allclose(here.lateral, 1e-3 * shape, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(here.roll, 2e-3 * shape, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(slope.vertical, 1e-3 * rate, rtol=0, atol=1e-15)
 
 
 def test_an_own_track_gets_the_steps_of_its_slope():
@@ -143,10 +143,10 @@ def test_lateral_and_vertical_are_separate():
     gaps = sj.jit(lambda t: sj.model.reactions(t, state, sj.model.Args(scene)).gap)
     for t, shift in ((0.0, (0.0, 5e-4)), (0.25, (1e-3, 0.0)), (0.5, (0.0, -5e-4))):
         here = irregularity_of(scene.track, np.array(8.0 * t))
-        np.testing.assert_allclose((here.lateral, here.vertical), shift, atol=1e-15)
+        np.testing.assert_allclose((here.lateral, here.vertical), shift, rtol=0, atol=1e-15)
         # of the front; the rear is 0.2 m behind
         seen.append(np.asarray(gaps(t))[0] + normals @ shift)
-    np.testing.assert_allclose(seen, [seen[0]] * 3, atol=1e-6)
+    np.testing.assert_allclose(seen, [seen[0]] * 3, rtol=0, atol=1e-6)
     assert np.all(
         np.isfinite(jax.tree.leaves(sj.model.vector_field(scene).evaluate(0.0, state, sj.model.Args(scene)).motion))
     )

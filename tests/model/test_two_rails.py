@@ -42,8 +42,8 @@ def test_taken_as_one_two_rails_are_the_line_in_their_middle():
     track = sj.model.TwoRails(LEFT, RIGHT, gauge=1.4)
     one, other = (motion_of(rail, PLACES) for rail in (LEFT, RIGHT))
     for here, left, right in zip(motion_of(track, PLACES), one, other, strict=True):
-        np.testing.assert_allclose(here.lateral, (left.lateral + right.lateral) / 2, atol=1e-18)
-        np.testing.assert_allclose(here.roll, right.roll / 2, atol=1e-18)
+        np.testing.assert_allclose(here.lateral, (left.lateral + right.lateral) / 2, rtol=0, atol=1e-18)
+        np.testing.assert_allclose(here.roll, right.roll / 2, rtol=0, atol=1e-18)
     assert largest(at(track), motion_of(track, PLACES)[0]) < 1e-16  # measured: 0 and 8e-18 m
     assert float(track.wavelength) == 8.0
     # a sine of 1 mm and 8 m is steeper than those of 0.2 mm
@@ -84,7 +84,7 @@ def test_a_sum_adds_to_each_rail():
         for name, rail in pair.rails.items():
             apart = [at(part).vertical for part in (rail, joints)]
             # of one addition in two orders
-            np.testing.assert_allclose(at(track.rails[name]).vertical, sum(apart), atol=1e-18)
+            np.testing.assert_allclose(at(track.rails[name]).vertical, sum(apart), rtol=0, atol=1e-18)
     twice = sj.model.SumTrack(pair, pair)
     assert largest(at(twice.rails["right"]), at(sj.model.SumTrack(RIGHT, RIGHT))) == 0.0
     assert sj.model.SumTrack(LEFT, joints).rails == {}
@@ -361,7 +361,7 @@ def test_a_gauge_stands_in_place_of_one_lateral(tmp_path, known, other, sign):
     assert same(sj.load_rail(path, gauge=1.2))  # measured 3e-16 m, of the digits of 1.2 m
     # the deviation counts from the nominal gauge
     wider = sj.load_rail(path, gauge=1.199).rails[other].lateral - WAVES[f"{other} lateral"]
-    np.testing.assert_allclose(wider, sign * 1e-3, atol=1e-15)
+    np.testing.assert_allclose(wider, sign * 1e-3, rtol=0, atol=1e-15)
     needed = r"both\.csv: `gauge` needs the nominal gauge, such as gauge=1\.435"
     far = r"`gauge` must be the distance .* 1.2\S* m on average, far from the nominal"
     for words, gauge in ((needed, None), (far, 1.435)):

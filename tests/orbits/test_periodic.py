@@ -46,7 +46,7 @@ def multipliers_by_differences(scene, orbit):
     flat, unravel = ravel_pytree(orbit.state)
     step, none = PeriodMap(scene, dynamic_steps(STEPS), orbit.solver), RecordSet()
     end = lambda x: ravel_pytree(run_eagerly(step, unravel(x), 1, none).state)[0]
-    np.testing.assert_allclose(end(flat), flat, atol=1e-12)
+    np.testing.assert_allclose(end(flat), flat, rtol=0, atol=1e-12)
     matrix = np.zeros((flat.size, flat.size))
     for k in np.flatnonzero((np.arange(flat.size) < 10) | (flat < 0)):  # an open contact has no memory
         h = 1e-5 * np.append(SCALES, [1.0] * 20)[k]
@@ -58,7 +58,7 @@ def multipliers_by_differences(scene, orbit):
 @pytest.mark.full
 def test_multipliers_are_those_of_differences(nominal):
     expected = multipliers_by_differences(SCENE, nominal)
-    np.testing.assert_allclose(leading(nominal.multipliers), expected, atol=1e-8)  # measured: 2e-10
+    np.testing.assert_allclose(leading(nominal.multipliers), expected, rtol=0, atol=1e-8)  # measured: 2e-10
 
 
 @pytest.mark.slow
@@ -69,7 +69,7 @@ def test_an_orbit_whose_contacts_are_pressed_again_remembers_the_peak_rate():
     assert orbit.status == Status.FINITE
     assert float(orbit.residual) < 1e-11  # measured 9e-14
     expected = multipliers_by_differences(scene, orbit)
-    np.testing.assert_allclose(leading(orbit.multipliers), expected, atol=1e-8)  # measured 2e-10
+    np.testing.assert_allclose(leading(orbit.multipliers), expected, rtol=0, atol=1e-8)  # measured 2e-10
 
 
 @pytest.mark.full
@@ -78,7 +78,7 @@ def test_a_long_simulation_ends_on_the_orbit(nominal):
     for _ in range(6):  # Newton's method begins with this program
         end = sj.simulate(SCENE, 100, start=end, steps_per_period=STEPS, loads=False, saves_per_period=1)
     # exp(-0.0467 * 600) = 7e-13; measured: 2e-11
-    close = lambda found, exact: np.testing.assert_allclose(found, exact, atol=1e-9)
+    close = lambda found, exact: np.testing.assert_allclose(found, exact, rtol=0, atol=1e-9)
     jax.tree.map(close, end.end.motion, nominal.state.motion)
 
 
@@ -103,7 +103,7 @@ def test_a_multiple_of_the_period_is_recognised(nominal, monkeypatch):
     monkeypatch.setattr(periodic, "shoot", once)
     four = sj.periodic_orbit(SCENE, period=4, steps_per_period=STEPS)
     assert four.period == 1
-    np.testing.assert_allclose(four.multipliers, nominal.multipliers, atol=1e-12)
+    np.testing.assert_allclose(four.multipliers, nominal.multipliers, rtol=0, atol=1e-12)
 
 
 @pytest.mark.full

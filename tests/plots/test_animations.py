@@ -61,7 +61,7 @@ def test_offsets_along_the_faces_are_those_of_the_vectors():
         apart = (points @ turn.T)[:, 1:] + [2e-3, -1e-3] - [rail.lateral, rail.vertical] - RAIL @ rolled.T
         along = np.column_stack([NORMALS[:, 1], -NORMALS[:, 0]]) @ rolled.T
         here = slice(10 * k, 10 * k + 10)
-        np.testing.assert_allclose(offset[here], np.sum(apart * along, axis=1), atol=1e-12)
+        np.testing.assert_allclose(offset[here], np.sum(apart * along, axis=1), rtol=0, atol=1e-12)
         # what is left is the normal's tilt along x, Eq. (4)
         np.testing.assert_allclose(gap[here], np.sum(apart * (NORMALS @ rolled.T), axis=1), atol=2e-5)
         assert np.abs(offset[here]).max() > 1e-3
@@ -76,10 +76,10 @@ def test_each_frame_has_magnified_gaps_forces_at_one_scale_and_its_time(run, tmp
     for k in (0, 17, most):
         animation._draw_frame(k)
         for end, ax in enumerate((front, rear)):
-            np.testing.assert_allclose(drawn_gaps(ax), 2.5 * gap[k, end], atol=1e-9)
+            np.testing.assert_allclose(drawn_gaps(ax), 2.5 * gap[k, end], rtol=0, atol=1e-9)
             # half of the section's height of 42 mm for the highest force
             expected = 0.5 * 42.0 * force[k, end][:, None] / force.max() * NORMALS
-            np.testing.assert_allclose(arrows_of(ax), expected, atol=1e-9)
+            np.testing.assert_allclose(arrows_of(ax), expected, rtol=0, atol=1e-9)
             filled = [to_hex(c) != "#ffffff" for c in ax.collections[0].get_facecolors()]
             assert filled == (force[k, end] > 0).tolist()
         period = float(run.period[101 + k])
@@ -116,7 +116,7 @@ def test_datasets_are_shown_with_their_scene(run):
     wide = SCENE.replace(clearance=3e-3)
     motion = sj.Motion.from_euler(**{name: float(ds[name][120]) for name in ("y", "z", "roll", "pitch", "yaw")})
     gap = contacts(rail_frame(wide, 2.4), motion).gap[:10]
-    np.testing.assert_allclose(drawn_gaps(front, np.asarray(wide.section.track_points)), gap, atol=1e-9)
+    np.testing.assert_allclose(drawn_gaps(front, np.asarray(wide.section.track_points)), gap, rtol=0, atol=1e-9)
 
 
 def test_a_section_shows_where_the_points_are():

@@ -36,7 +36,7 @@ def test_the_line_is_the_deflection_that_the_slipper_feels(run, tmp_path):
         for ax in (upper, lower):
             (line,) = ax.lines  # the vertical one alone
             dots = np.asarray(ax.collections[0].get_offsets())
-            np.testing.assert_allclose(dots, np.column_stack([(0.1, -0.1), felt]), atol=1e-9)
+            np.testing.assert_allclose(dots, np.column_stack([(0.1, -0.1), felt]), rtol=0, atol=1e-9)
             # between points 2 cm apart
             np.testing.assert_allclose(np.interp(dots[:, 0], *line.get_data()), felt, atol=1e-4)
             time = 1e3 * float(run.time[at])

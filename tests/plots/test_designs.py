@@ -115,6 +115,6 @@ def test_margins_to_events_are_bars_with_markers_and_values(design):
     assert bars == pytest.approx([-10.0, -5.0, -5.0, 1.0, 10.0, 20.0], abs=1e-12)
     assert [len(dots(axes[5], marker)) for marker in ("|", "D", "^", "o")] == [2, 1, 1, 1]
     *values, _ = (text.get_text().strip() for text in axes[5].texts)
-    assert sorted(values) == ["0.19", "0.22", "0.9", "0.95", "1.01"]
+    assert sorted(values) == ["0.19", "0.22", "0.9", "0.95", "1.01", "no event"]
     with pytest.raises(ValueError, match="with `trial_design`, but has"):
         plots.design_overview(ds.drop_vars("trial_design"))

@@ -269,6 +269,28 @@ def test_the_spectrum_of_a_survey_in_feet_is_in_its_units(tmp_path):
     assert density.sum() * np.diff(wavenumber)[0] == pytest.approx(0.5, rel=0.05)
 
 
+def test_the_forces_of_a_run_are_drawn_at_their_places_below_its_rail():
+    # a forcing period of 4 m, half a wave
+    scene = dataclasses.replace(sj.paper_scene(), window=4.0)
+    *above, forces, spectrum = plots.rail(scene, trajectory())
+    assert [ax.get_xlim() for ax in (*above, forces)] == [(0.0, 8.0)] * 3
+    for ax, name in zip(above, ("lateral", "vertical"), strict=True):
+        assert (ax.get_xlabel(), ax.get_ylabel()) == ("", f"{name}\n[mm]")
+        x, y = ax.lines[0].get_data()
+        # measured: 2e-15
+        np.testing.assert_allclose(y, np.sin(2 * np.pi * x / 8.0), rtol=0, atol=1e-12)
+    assert (forces.get_xlabel(), forces.get_ylabel()) == ("distance [m]", "contact force $F$ [kN]")
+    # the three highest points, which touch after one period
+    assert legend(forces) == ["C2", "B2", "A2"]
+    for line, force in zip(forces.lines, (5.0, 4.0, 3.0), strict=True):
+        x, y = line.get_data()
+        assert x[y > 0].tolist() == [4.0]
+        assert y.max() == force
+    # the only wave has one cycle in 8 m
+    wavenumber, density = spectrum.lines[0].get_data()
+    assert wavenumber[density.argmax()] == 1 / 8
+
+
 def test_both_rails_of_a_track_are_drawn():
     left, right = sj.HarmonicTrack((8.0,), 1e-3), sj.HarmonicTrack((8.0,), 2e-3)
     mounts = [sj.Mount(0.0, y, 0.0, rail=rail) for y, rail in ((0.6, "left"), (-0.6, "right"))]

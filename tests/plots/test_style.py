@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from slipperjax import plots
-from slipperjax.plots.style import COLORS, content_of, png
+from slipperjax.plots.style import COLORS, content_of, entitle, png
 from slipperjax.plots.sweeps import of_sweep
 
 from .shown import drawn, legend, marked
@@ -47,6 +47,14 @@ def test_titles_letters_widths_and_settings_are_as_asked_also_within_one_another
         # what means nothing is told all the same
         assert plots.overview(trajectory(status=2))[0, 0].figure.get_suptitle().startswith("status: ")
     assert (page().get_suptitle(), page().get_figwidth()) == ("length 0.2 m", 7.2)
+
+
+def test_titles_end_their_lines_at_commas_before_the_figure_ends():
+    figure = plt.figure(figsize=(3.5, 2.0))
+    entitle(figure, "speed 820.2 ft/s, clearance 0.03937 in, length 0.6562 ft, mass 30.86 lb, gravity 9.81 m/s^2")
+    # with "mass 30.86 lb," the first line would be 0.99 of the width, and matplotlib breaks such lines anywhere
+    lines = ["speed 820.2 ft/s, clearance 0.03937 in, length 0.6562 ft,", "mass 30.86 lb, gravity 9.81 m/s^2"]
+    assert figure.get_suptitle().splitlines() == lines
 
 
 def test_lines_take_the_colours_of_a_cycle_also_in_axes_of_another_style():

@@ -154,8 +154,8 @@ def test_runs_are_those_of_newtons_method(scene, kind):
     ours, exact = end_of(scene, kind()), end_of(scene, kind(root_finder=EXACT))
     finer = end_of(scene, kind(root_finder=FINER))
     print(f"{kind.__name__}: {np.abs(ours - exact).max():.1e}, {np.abs(finer - exact).max():.1e} from Newton's")
-    np.testing.assert_allclose(ours, exact, atol=1e-6)  # measured: 5e-8, 2e-8, 5e-9
-    np.testing.assert_allclose(finer, exact, atol=1e-8)  # measured: 5e-10
+    np.testing.assert_allclose(ours, exact, rtol=0, atol=1e-6)  # measured: 5e-8, 2e-8, 5e-9
+    np.testing.assert_allclose(finer, exact, rtol=0, atol=1e-8)  # measured: 5e-10
 
 
 def test_other_equations_are_refused():

@@ -131,7 +131,7 @@ SMALL = CLEARANCES[CLEARANCES < 2.575] * 1e-3
         ("speed_exponents", SPEEDS[:10], 1, NAN, {"N8 low"}, {"N8 low": "84% of the cases..."}),
         (
             *("clearance_exponents", [1.675e-3, 2.575e-3], 1, NAN, {"N11 LLE brief", "N11 LLE"}),
-            {"N11 LLE brief": "nowhere mm", "N11 LLE": "2.6..5 mm"},
+            {"N11 LLE brief": "nowhere", "N11 LLE": "2.6..5 mm"},
         ),
         ("length_exponents", 0.1525, 1, NAN, {"N12 LLE"}, {"N12 LLE": "0.1..0.15 m"}),
     ],
@@ -150,13 +150,13 @@ def test_data_that_differ_are_not_reproduced():
     lengths["v_z"] = lengths["v_z"] + lengths["length"]
     check(answered("length", lengths), {"N12 constant"}, {})
     calm = made.exponents("length", LENGTHS, LENGTHS < 0)
-    check(answered("length_exponents", calm), {"N12 LLE"}, {"N12 LLE": "nowhere m"})
+    check(answered("length_exponents", calm), {"N12 LLE"}, {"N12 LLE": "nowhere"})
 
 
 def test_exponents_that_are_not_finite_or_not_certain_are_not_positive():
     ds = made.exponents("speed", SPEEDS, SPEEDS > 0)
     ds["exponent"][3, 0], ds["stderr"][5, 0] = np.nan, np.inf
-    assert answered("speed_exponents", ds)["N8 window"].ours == "nowhere m/s; 2 of 241 cases flagged"
+    assert answered("speed_exponents", ds)["N8 window"].ours == "nowhere; 2 of 241 cases flagged"
     ds = made.exponents("speed", SPEEDS, SPEEDS > 0)  # three standard errors decide
     ds["stderr"][:, 0] = np.where(SPEEDS == 200, 0.034, np.where(SPEEDS == 210, 0.033, 0.01))
     ds["exponent"][20, 0], ds["stderr"][20, 0] = 0.9e-3, 1e-6

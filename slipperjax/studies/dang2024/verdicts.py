@@ -172,7 +172,7 @@ def ranges(
     if covers is not None:
         agrees.append(any(first - of.step <= covers <= last + of.step for first, last in found))
     texts = [f"{first:.4g}" + (f"..{last:.4g}" if last > first else "") for first, last in found]
-    return Answer(f"{', '.join(texts) or 'nowhere'} {of.unit}", all(agrees))
+    return Answer(f"{', '.join(texts)} {of.unit}" if texts else "nowhere", all(agrees))
 
 
 def share(of: Diagram, where: Where, within: Range, least: float = 0.9) -> Answer:
