@@ -14,7 +14,7 @@ from typing import ClassVar, NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Complex, Float
 
 from ..tools.checks import not_negative, number, positive, require
 from ..tools.fields import ShapeChecked, field
@@ -138,21 +138,16 @@ class Beam(ShapeChecked):
         **Arguments:** `on`: 1 where a node is on a rail, 0 elsewhere; `places`: of the nodes, ahead of the body's
         centre [m]; `speed`: [m/s]; `seconds`: duration of the step.
         """
-        k = self.wave_numbers
         _, exponent = self.exponents(speed)
-        # a force moves each mode by its share of the ring's mass
-        share = 2 / (self.ring * self.mass)
-        apart = exponent - exponent[:, ::-1]
-        turn = jnp.exp(1j * k[None] * places[:, None])
-        shape = on[..., None] * turn[None]
-        between = jnp.einsum("rjn,rln->jln", shape, jnp.conj(shape))
+        shape, between = self._shapes(on, places)
+        pushes = self._pushes(exponent)
 
         def pushed(after: Real, *forms) -> list[Array]:
             """Return the waves after forces that change over some seconds as `forms`, from phi_1 and phi_2."""
             z = exponent * after
             one = (jnp.exp(z) - 1) / z
             two = (one - 1) / z
-            return [share * after * form(one, two) / apart for form in forms]
+            return [after * pushes * form(one, two) for form in forms]
 
         def felt(waves: Array) -> Array:
             """Return deflections and rates that each node gets from each node, (2, 2, nodes, nodes)."""
@@ -181,6 +176,30 @@ class Beam(ShapeChecked):
             exponent=pair(exponent),
             seconds=seconds,
         )
+
+    def compliance(
+        self, on: Float[np.ndarray, "rails nodes"], places: Array, speed: Real, rates: Complex[np.ndarray, " rates"]
+    ) -> Complex[Array, "rates 2 nodes nodes"]:
+        """Return deflections at each node by forces exp(s t) at each node [m/N].
+
+        **Arguments:** `rates`: complex s, which grow [1/s]; others as of `step`.
+        """
+        _, exponent = self.exponents(speed)
+        _, between = self._shapes(on, places)
+        answer = lambda s: jnp.sum(self._pushes(exponent) / (s[:, None, None, None] - exponent), axis=2)
+        of = lambda s: jnp.einsum("sdn,jln->sdjl", answer(s), between)
+        # the real part of waves is half the sum of the waves and of their conjugates
+        return (of(rates) + jnp.conj(of(jnp.conj(rates)))) / 2
+
+    def _shapes(self, on: np.ndarray, places: Array) -> tuple[Array, Array]:
+        """Return the modes at the nodes, (rails, nodes, modes), and products of each pair of nodes."""
+        turn = jnp.exp(1j * self.wave_numbers[None] * places[:, None])
+        shape = on[..., None] * turn[None]
+        return shape, jnp.einsum("rjn,rln->jln", shape, jnp.conj(shape))
+
+    def _pushes(self, exponent: Array) -> Array:
+        """Return the rates of waves by a force [m/s/N]: a force moves each mode by its share of the ring's mass."""
+        return 2 / (self.ring * self.mass) / (exponent - exponent[:, ::-1])
 
 
 INCH = 0.0254
