@@ -78,3 +78,19 @@ def test_runs_with_a_programme_and_their_environment():
     shocks = [sj.environment(run, [(0.05, 0.0, 0.02)], low=200.0).ds["shock_response"] for run in (bends, rigid)]
     assert np.all(np.isfinite(shocks))
     assert not np.allclose(*shocks, rtol=0.01)
+
+
+@pytest.mark.full
+def test_designs_compared():
+    """Numbers of a comparison are those of separate runs; play matters."""
+    scene = dataclasses.replace(BENDS, track=sj.RandomTrack.sled(length=250.0), speed=600.0)
+    options = dict(length=16.0, window=8.0, start=sj.table_2_start(), **STEPS)
+    plays = [0.8e-3, 1.5e-3]
+    found = sj.compare(scene, {"clearance": plays}, rails=8, quantiles=[0.5], record="peak_force", **options)["runs"]
+    for play, runs in zip(plays, found.values, strict=True):
+        alone = sj.run(scene.replace(clearance=play), {"track.seed": range(8)}, record="peak_force", **options)
+        highest = alone["peak_force"].values.reshape(8, -1).max(axis=1)
+        print(np.abs(runs[:, 0] / highest - 1).max())
+        # up to another batch's rounding
+        np.testing.assert_allclose(runs[:, 0], highest, rtol=1e-6)
+    assert np.all(np.abs(np.diff(found, axis=0)) > 1.0)
