@@ -20,7 +20,7 @@ from ..tools.checks import not_negative, number, positive, require
 from ..tools.fields import ShapeChecked, field
 from ..tools.forms import store, sums
 from ..tools.tracing import is_traced
-from ..tools.types import Real
+from ..tools.types import AnyArray, Real
 
 Pair = Float[Array, "2"]
 Waves = tuple[Array, Array]
@@ -178,7 +178,7 @@ class Beam(ShapeChecked):
         )
 
     def compliance(
-        self, on: Float[np.ndarray, "rails nodes"], places: Array, speed: Real, rates: Complex[np.ndarray, " rates"]
+        self, on: Float[AnyArray, "rails nodes"], places: Array, speed: Real, rates: Complex[AnyArray, " rates"]
     ) -> Complex[Array, "rates 2 nodes nodes"]:
         """Return deflections at each node by forces exp(s t) at each node [m/N].
 
@@ -191,7 +191,7 @@ class Beam(ShapeChecked):
         # the real part of waves is half the sum of the waves and of their conjugates
         return (of(rates) + jnp.conj(of(jnp.conj(rates)))) / 2
 
-    def _shapes(self, on: np.ndarray, places: Array) -> tuple[Array, Array]:
+    def _shapes(self, on: AnyArray, places: Array) -> tuple[Array, Array]:
         """Return the modes at the nodes, (rails, nodes, modes), and products of each pair of nodes."""
         turn = jnp.exp(1j * self.wave_numbers[None] * places[:, None])
         shape = on[..., None] * turn[None]
