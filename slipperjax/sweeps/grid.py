@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int, PyTree
 
@@ -240,7 +241,7 @@ class Cases(Grid):
         """Warn where slippers excite themselves, by the case that outruns the waves of its rails most."""
         if self.scene.beam is not None:
             ratios = self.of_each(lambda scenes, starts: scenes.map(lambda scene, _: outrun(scene), starts))
-            warn_of_excitation(self.scenes.case(int(np.argmax(ratios))))
+            warn_of_excitation(jax.tree.map(jnp.asarray, self.scenes.case(int(np.argmax(ratios)))))
 
     def of_each(self, program: Callable[..., PyTree], *more: object) -> PyTree:
         """Return the arrays (cases, ...) that `program(scenes, starts, *more)` gives, compiled for few sizes."""
