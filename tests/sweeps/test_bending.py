@@ -60,7 +60,7 @@ def test_results_keep_the_waves_of_their_start():
         np.testing.assert_array_equal(a, b)
     # the waves matter
     assert float(run(dataclasses.replace(first.end, rail=None)).end.motion.v_z) != float(second.end.motion.v_z)
-    with pytest.raises(ValueError, match=r"`start` must have waves of the scene's beam, of shape \(1, 2, 2, 80\)"):
+    with pytest.raises(ValueError, match=r"`start` must have waves of the scene's beam, of shape \(1, 2, 2, 48\)"):
         run(first.end, dataclasses.replace(RIGID, beam=beam(ring=32.0)))
 
 
