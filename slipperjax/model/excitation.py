@@ -1,9 +1,11 @@
 """Whether slippers that outrun the waves of a rail excite themselves: a linear analysis of bodies on a `Beam`.
 
-Above the critical speed a rail that bends gives energy to oscillations of what it carries (doi:10.1016/S0997-7538(99)80020-5). Small oscillations exp(s t) of a body that contacts of the stiffness k hold to its
-rail obey det(A / s^2 + C(s) + 1 / k) = 0. A and C are the compliances of body and rail between the track nodes. They
-grow where the real part of s is positive. Contacts become stiffer the more they are pressed; therefore all stiffnesses
-up to that of a typical impact are searched at once: those of the real eigenvalues 1 / k of -A / s^2 - C(s).
+Above the critical speed a rail that bends gives energy to oscillations of what it carries
+(doi:10.1016/S0997-7538(99)80020-5). Small oscillations exp(s t) of a body that contacts of the stiffness k hold to
+its rail obey det(A / s^2 + C(s) + 1 / k) = 0. A and C are the compliances of body and rail between the track nodes.
+They grow where the real part of s is positive. Contacts become stiffer the more they are pressed; therefore all
+stiffnesses up to that of a typical impact are searched at once: those of the real eigenvalues 1 / k of
+-A / s^2 - C(s).
 """
 
 import jax.numpy as jnp
