@@ -7,7 +7,7 @@ multiplies them exactly.
 
 The ring is longer than the rail that matters, and its waves must die before they come round. Therefore each wave has
 at least a damping in proportion to its speed relative to the body: few waves are slow, and these stay where they are.
-Short waves are fast, and need less rail: their wave numbers lie further apart, as if each had a ring of its own length.
+Short waves are fast and need less rail: their wave numbers lie further apart, as if each had a ring of its own.
 """
 
 from typing import ClassVar, NamedTuple
