@@ -217,12 +217,13 @@ class Beam(ShapeChecked):
     def _shapes(self, on: AnyArray, places: Array) -> tuple[Array, Array]:
         """Return the modes at the nodes, (rails, nodes, modes), and products of each pair of nodes."""
         turn = jnp.exp(1j * self.wave_numbers[None] * places[:, None])
-        shape = on[..., None] * turn[None]
+        shape = jnp.asarray(on)[..., None] * turn[None]
         return shape, jnp.einsum("rjn,rln->jln", shape, jnp.conj(shape))
 
     def _pushes(self, exponent: Array) -> Array:
         """Return the rates of waves by a force [m/s/N]: a force moves each mode by its share of its ring's mass."""
-        return 2 / (self.rings[None, None] * self.mass) / (exponent - exponent[:, ::-1])
+        share = 2 / (jnp.asarray(self.rings) * self.mass)
+        return share[None, None] / (exponent - exponent[:, ::-1])
 
 
 INCH = 0.0254
