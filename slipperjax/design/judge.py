@@ -145,13 +145,13 @@ def judge_on_orbits(
 ) -> Evaluation:
     """Evaluate cases on the stable periodic orbits to which they settle; values of other cases are NaN.
 
-    Where rails do not recur, cases stay at their starts.
+    Where rails do not recur, or bend, cases stay at their starts.
 
     **Arguments:** `grid`: values by name, one for each case; `warm_start`: an evaluation of the same cases with
     similar parameters. Its orbits are followed where they are still stable; elsewhere the motion settles again from
     its states.
     """
-    if plan.on_rails:
+    if not plan.on_orbits:
         cases = Cases(plan.scene, grid, plan.start, product=False)
         epoch = float(plan.scene.epoch_at(plan.scene.track.origin))
         return Evaluation.of_states(plan, rows_of(initial_states(*cases.take(np.arange(cases.count)), epoch)))

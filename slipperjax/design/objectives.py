@@ -279,6 +279,11 @@ class EvaluationPlan(OrbitObjectives):
         """Whether cases are judged along rails that do not recur."""
         return isinstance(self.ensemble, RailEnsemble)
 
+    @property
+    def on_orbits(self) -> bool:
+        """Whether orbits of cases are searched: not on rails that bend, whose waves are too many numbers."""
+        return not self.on_rails and self.scene.beam is None
+
 
 class Evaluation(NamedTuple):
     """Objectives of cases and the motions to which they belong; arrays with a leading axis of cases."""
@@ -300,7 +305,7 @@ class Evaluation(NamedTuple):
     """Standard errors of the values: 0 on orbits."""
     gradient_stderr: Float[np.ndarray, "cases objectives parameters"]
     inverse: Float[np.ndarray, "cases size size"]
-    """Inverse of I - P_x, with P_x the orbit's Jacobian; NaN without an orbit."""
+    """Inverse of I - P_x, with P_x the orbit's Jacobian; NaN without an orbit, empty where none is searched."""
     simulated: Float[np.ndarray, " cases"]
     """Simulated forcing periods; derivatives count by their cost."""
     lost: Int[np.ndarray, " cases"]
@@ -318,6 +323,7 @@ class Evaluation(NamedTuple):
         parameters = len(plan.names)
         # NaN where nothing is known
         nan = lambda *shape: np.full((count, *shape), np.nan)
+        of_orbits = size if plan.on_orbits else 0
         return cls(
             status=np.zeros(count, int),
             period=np.zeros(count, int),
@@ -328,7 +334,7 @@ class Evaluation(NamedTuple):
             gradient=nan(objectives, parameters),
             stderr=nan(objectives),
             gradient_stderr=nan(objectives, parameters),
-            inverse=nan(size, size),
+            inverse=nan(of_orbits, of_orbits),
             simulated=np.zeros(count),
             lost=np.zeros(count, int),
         )

@@ -379,10 +379,15 @@ def rail_step(scene: Scene, speed: Real, seconds: Real, points: Points | None = 
     """Return what a step of some seconds needs about the rails of a scene with a beam."""
     assert scene.beam is not None  # of each caller
     points = contact_points(scene) if points is None else points
+    places = points.arm[0].reshape(scene.nodes[1], -1)[:, 0]
+    return scene.beam.step(nodes_on_rails(scene), places, speed, seconds)
+
+
+def nodes_on_rails(scene: Scene) -> Float[np.ndarray, "rails nodes"]:
+    """Return 1 where a track node is on a rail, 0 elsewhere."""
     rails = scene.track.rails or {"": None}
     on = [[len(rails) == 1 or slipper.rail == name for slipper in scene.mounted] for name in rails]
-    places = points.arm[0].reshape(scene.nodes[1], -1)[:, 0]
-    return scene.beam.step(np.repeat(np.array(on, float), 2, axis=1), places, speed, seconds)
+    return np.repeat(np.array(on, float), 2, axis=1)
 
 
 def rail_frame(scene: Scene, phase: Real, points: Points | None = None) -> RailFrame:

@@ -154,6 +154,13 @@ class Scene(ShapeChecked):
         # a speed between two places is between the speeds at the places
         return Travel(self.speed.scale * jnp.min(self.speed.speed), self.wavelength)
 
+    @property
+    def fastest_travel(self) -> Travel:
+        """Travel at the highest speed of all."""
+        if not isinstance(self.speed, SpeedProgramme):
+            return self.travel(0.0)
+        return Travel(self.speed.scale * jnp.max(self.speed.speed), self.wavelength)
+
     def slowest_between(self, phase: Real, later: Real) -> Travel:
         """Return the travel at the least speed between `phase` and `later` forcing periods."""
         if not isinstance(self.speed, SpeedProgramme):

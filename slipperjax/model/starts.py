@@ -16,6 +16,7 @@ from ..tools.tracing import is_traced
 from ..tools.types import Real
 from ..tools.units import STANDARD_GRAVITY
 from .dynamics import Acting, State, driven_mass, motion_rates
+from .excitation import warn_of_excitation
 from .kinematics import (
     ModalMotion,
     Motion,
@@ -60,7 +61,7 @@ def initial_state(scene: Scene, motion: Motion | State = Motion(), epoch: Real |
     play; or a `State`, such as the end of a run, which keeps its memory; `epoch`: forcing periods travelled before,
     by default the number of periods to the beginning of the rail.
 
-    Gives an `ImplausibleWarning` where the slipper begins far outside its play.
+    Gives an `ImplausibleWarning` where the slipper begins far outside its play, or excites itself on its rail.
 
     **Raises:** `ValueError` if JAX runs with 32-bit numbers, or for coordinates that are not finite numbers.
     """
@@ -78,6 +79,7 @@ def initial_state(scene: Scene, motion: Motion | State = Motion(), epoch: Real |
     # numbers become arrays, so that other numbers need no new compilation
     state, outside = state_and_penetration(scene, jax.tree.map(as_argument, motion), epoch)
     warn_of_start(motion, outside, lambda k: scene, epoch)
+    warn_of_excitation(scene)
     return state
 
 

@@ -86,6 +86,7 @@ def make_plan(
     if cases.count < grid.count:
         plan = call.plan(grid.sample(start, grid.count), *outputs)
     plan.check()
+    plan.cases.warn_of_excitation()
     return plan
 
 

@@ -7,11 +7,13 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int, PyTree
 
 from ..model.dang2024 import paper_scene
 from ..model.dynamics import State
+from ..model.excitation import outrun, warn_of_excitation
 from ..model.kinematics import Motion
 from ..model.parameters import STARTS, Parameter, of_motion, parameter
 from ..model.scene import Scene, check_scene
@@ -234,6 +236,12 @@ class Cases(Grid):
         """Return the steps per period that each case needs, see `slipperjax.model.default_steps_per_period`."""
         _, wavelengths, needed = self.of_each(_facts)
         return rounded_steps(needed, wavelengths)
+
+    def warn_of_excitation(self) -> None:
+        """Warn where slippers excite themselves, by the case that outruns the waves of its rails most."""
+        if self.scene.beam is not None:
+            ratios = self.of_each(lambda scenes, starts: scenes.map(lambda scene, _: outrun(scene), starts))
+            warn_of_excitation(jax.tree.map(jnp.asarray, self.scenes.case(int(np.argmax(ratios)))))
 
     def of_each(self, program: Callable[..., PyTree], *more: object) -> PyTree:
         """Return the arrays (cases, ...) that `program(scenes, starts, *more)` gives, compiled for few sizes."""
