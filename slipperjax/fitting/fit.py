@@ -256,9 +256,9 @@ def fit(
     - `frozen`: names of `unknowns` that keep the scene's value.
     - `method`: `Trajectories()` by default, for periodic motions and short records; `Features()` in chaos.
     - `begin`: place where runs begin [m], `start`: as for `simulate`; for trajectories on rails that do not recur by
-        default at rest. `steps_per_period`: by default the number that
-        the scene needs; the number grows until half the step changes no estimate by a fifth of its standard error.
-        `solver`: as for `simulate`; for trajectories by default `RK4()`, whose derivatives are the fastest.
+        default at rest. `steps_per_period`: by default the number that the scene needs; the number grows until half
+        the step changes no estimate by a fifth of its standard error. `solver`: as for `simulate`; for trajectories
+        by default `RK4()`, whose derivatives are the fastest.
     - `confidence`: probability of the intervals; `seed`: of the first points that are tried.
 
     **Returns:** a `Fit`; check its `status`, `not_identified` and `misfit`.

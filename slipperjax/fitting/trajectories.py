@@ -177,7 +177,7 @@ class Trajectories(AbstractFitMethod):
         shown("first guesses")
         model.compile_ahead()
         # on a rail that does not recur, motions that differ are nowhere alike: later windows have no guess
-        along = narrowed if problem.recurs else grown
+        along, patience = (narrowed, PATIENCE) if problem.recurs else (grown, GROWN_PATIENCE)
         fit, found, kept = along(self, model, levels, noise, shown)
         if found.cost[found.lead] >= LOST:
             raise ValueError(
@@ -192,7 +192,7 @@ class Trajectories(AbstractFitMethod):
             model = model.with_steps(problem.needed(levels[found.lead]))
             fit, points = fit.onward(found.point, kept, model)
             fit = replace(fit, noise=noise, jump=CONTINUITY[-1])
-            found = search(fit.rows, points, shown)
+            found = search(fit.rows, points, shown, patience=patience)
             kept = found.distinct(LIKELY)
             shown("errors")
             by_step, by_instants, left = fit.checked(found)
@@ -379,7 +379,7 @@ def grown(
     part = lambda count: replace(model, windows=model.windows.first(count))
     begun = part(1).begun(levels)
     guess = begun[..., : len(SIZES)] / SIZES
-    fit = Fitting(part(1), guess, part(1).carried(begun), noise, CONTINUITY[-2])
+    fit = Fitting(part(1), guess, part(1).carried(begun), noise)
     points = np.hstack([levels, guess.reshape(len(guess), -1)])
     kept = np.argsort(fit.rows(points, np.arange(len(points))).cost, kind="stable")[: method.starts]
     fit, points = fit.of(kept), points[kept]
@@ -390,7 +390,7 @@ def grown(
         kept = np.argsort(found.cost)[:REFINED_STARTS]
         if count < most:
             fit, points = fit.onward(found.point, kept, part(count + 1))
-    return fit, found, kept
+    return fit, found, found.distinct(found.cost[found.lead])
 
 
 def _covariance(local: Chain) -> Float[np.ndarray, "parameters parameters"]:
