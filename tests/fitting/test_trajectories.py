@@ -172,7 +172,7 @@ def test_short_windows_have_no_densities():
     assert data["density"][1].shape == (1, 0)
 
 
-def errors_of_a_sled(periods, seed, capsys):
+def errors_of_a_sled(periods, seed):
     """Errors over stated errors of a fit from 30 % off: four slippers, two rails of 8 m times `periods`, 300 m/s."""
     mounts = [sj.Mount(x, y, -0.2, rail=rail) for rail, y in (("left", 0.9), ("right", -0.9)) for x in (1.2, -1.2)]
     sled = sj.Sled(mass=400.0, inertia=(120.0, 230.0, 350.0), mounts=mounts)
@@ -184,8 +184,7 @@ def errors_of_a_sled(periods, seed, capsys):
     unknowns = {"stiffness": (1e7, 1e9), "restitution": (0.5, 0.99)}
     begin = time.process_time()
     found = fit(truth.replace(stiffness=7e7, restitution=0.65), measured, unknowns, sensors)
-    with capsys.disabled():
-        print(f"\n{8 * periods} m, seed {seed}, {time.process_time() - begin:.0f} s of processors\n{found}")
+    print(f"\n{8 * periods} m, seed {seed}, {time.process_time() - begin:.0f} s of processors\n{found}")
     assert found.posterior.windows.count == periods
     assert found.status == "converged", found
     assert not found.misfit
@@ -195,13 +194,7 @@ def errors_of_a_sled(periods, seed, capsys):
     return (np.array(list(found.estimate.values())) - values) / errors
 
 
-@pytest.mark.full
-def test_a_sled_on_two_known_rails_is_found_from_afar(capsys):
-    away = errors_of_a_sled(5, 0, capsys)
-    assert np.abs(away).max() < 3, away
-
-
 @pytest.mark.slow
-def test_a_sled_is_found_along_a_hundred_metres(capsys):
-    away = np.array([errors_of_a_sled(13, seed, capsys) for seed in range(3)])
+def test_a_sled_on_two_known_rails_is_found_from_afar():
+    away = errors_of_a_sled(5, 0)
     assert np.abs(away).max() < 3, away
