@@ -1,7 +1,6 @@
 """Fits of trajectories: what was put in comes out, with intervals, and what does not fit is said."""
 
 import dataclasses
-import time
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -170,31 +169,3 @@ def test_short_windows_have_no_densities():
     data, coords = short.densities(0, np.ones((3, 1, 12)))
     assert len(coords["frequency"][1]) == 0
     assert data["density"][1].shape == (1, 0)
-
-
-def errors_of_a_sled(periods, seed):
-    """Errors over stated errors of a fit from 30 % off: four slippers, two rails of 8 m times `periods`, 300 m/s."""
-    mounts = [sj.Mount(x, y, -0.2, rail=rail) for rail, y in (("left", 0.9), ("right", -0.9)) for x in (1.2, -1.2)]
-    sled = sj.Sled(mass=400.0, inertia=(120.0, 230.0, 350.0), mounts=mounts)
-    rails = sj.model.RandomRails(sj.RandomTrack.sled(length=200.0), coherence=0.95, gauge=1.8)
-    truth = dataclasses.replace(sj.paper_scene(300.0), slipper=sled, track=rails, gravity=9.81)
-    sensors = SENSORS[:1]
-    how = dict(noise=0.02, seed=seed, rate=130, steps=480, settled=0, start="rest")
-    measured = record(truth, sensors, periods, **how)
-    unknowns = {"stiffness": (1e7, 1e9), "restitution": (0.5, 0.99)}
-    begin = time.process_time()
-    found = fit(truth.replace(stiffness=7e7, restitution=0.65), measured, unknowns, sensors)
-    print(f"\n{8 * periods} m, seed {seed}, {time.process_time() - begin:.0f} s of processors\n{found}")
-    assert found.posterior.windows.count == periods
-    assert found.status == "converged", found
-    assert not found.misfit
-    values = np.array([float(truth.value(name)) for name in unknowns])
-    errors = np.array(list(found.stderr.values()))
-    assert np.all(errors < 0.02 * values)
-    return (np.array(list(found.estimate.values())) - values) / errors
-
-
-@pytest.mark.slow
-def test_a_sled_on_two_known_rails_is_found_from_afar():
-    away = errors_of_a_sled(5, 0)
-    assert np.abs(away).max() < 3, away
