@@ -14,6 +14,7 @@ from .options import (
     FROM_ZERO,
     INPUT,
     LOST,
+    REST,
     Case,
     app,
     begin,
@@ -74,6 +75,7 @@ def fit(
     from ..fitting.fit import fit as find
     from ..fitting.likelihood import Features
     from ..fitting.trajectories import Trajectories
+    from ..model.starts import AtRest
 
     sensors = case.file.sensors if case.file else []
     path = click.get_current_context().params["scene"]
@@ -87,5 +89,6 @@ def fit(
     how = dict(start=case.start, steps_per_period=case.steps_per_period, solver=solver, progress=True)
     files = Outputs(out)
     found = on_thread(lambda: find(case.scene, list(measured), unknowns, sensors, method=method, **how, **options))
-    said(*found.summary(), case.text(list(PARAMETERS.keys() & unknowns.keys())), files.write(found))
+    start = REST if case.start is None and isinstance(found.problem.start, AtRest) else ""
+    said(*found.summary(), case.text(list(PARAMETERS.keys() & unknowns.keys()), start), files.write(found))
     return LOST if found.status == "not converged" else 0

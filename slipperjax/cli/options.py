@@ -41,6 +41,8 @@ WRONG = 2
 """Exit code after an error."""
 INTERRUPTED = 130
 """Exit code after Ctrl-C."""
+REST = "from rest on the rail"
+"""Start of a run in texts, where the scene has no start."""
 
 
 Command = Callable[..., object]

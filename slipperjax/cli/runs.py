@@ -19,6 +19,7 @@ from .options import (
     FILE,
     INPUT,
     LOST,
+    REST,
     VALUE,
     Case,
     CommandOf,
@@ -303,4 +304,4 @@ def _compared(case: Case, over: Sequence[str], options: dict[str, Any], files: O
 
 def _start(case: Case) -> str:
     """Return a text that says where a run begins whose scene has no start; empty for a scene with a start."""
-    return "from rest on the rail" if case.start is None else ""
+    return REST if case.start is None else ""

@@ -10,9 +10,7 @@ from jaxtyping import Float
 from ..model.sensors import Rig, Sensor
 from ..model.surveys import ALIASES
 from ..tools.checks import check_no_clock, require
-from ..tools.files import content_of, user_path
-from ..tools.tables import Table
-from .measured import FEWEST, signals_of
+from .measured import FEWEST, signals_of, timed_table
 
 OVERSAMPLED = 4.0
 """Least sampling rate of a record over its highest frequency [1]: a cubic spline lacks 3 % of the power there."""
@@ -83,18 +81,13 @@ def read_record(
 
 def _columns(file: str | os.PathLike[str], sensor: Sensor) -> dict[str, np.ndarray]:
     """Return the columns of a file in SI units, time and the sensor's acceleration among them."""
-    path = user_path(file, "measured")
-    wanted = {"time": "s", "acceleration": sensor.unit, "distance": "m", "speed": "m/s"}
-    others = {"t": "time", "seconds": "time", "velocity": "speed", "v": "speed"}
+    wanted = {"acceleration": sensor.unit, "distance": "m", "speed": "m/s"}
+    others = {"velocity": "speed", "v": "speed"}
     others |= dict.fromkeys(("a", sensor.name.lower()), "acceleration")
     others |= {name: column for name, column in ALIASES.items() if column in wanted}
-    table = Table(path, content_of(path), wanted, others, holes=True)
+    table = timed_table(file, wanted, others)
     if "acceleration" not in table.columns:
         table.fault(f"must have a column `{sensor.name}` or `acceleration`")
-    if "time" in table.columns:
-        table.check_rising("time")
-    else:
-        table.fault("must have a column `time`")
     return table.si()
 
 

@@ -123,6 +123,16 @@ class Windows(NamedTuple):
     def count(self) -> int:
         return len(self.run)
 
+    @property
+    def number(self) -> Int[np.ndarray, " windows"]:
+        """Number of each window in its run, from zero."""
+        return self.lag // self.periods
+
+    def first(self, count: int) -> "Windows":
+        """Return the first windows of each run."""
+        these = self.number < count
+        return self._replace(**{name: getattr(self, name)[these] for name in self._fields if name != "periods"})
+
 
 def _passed(origin: float, scene: Scene, run: MeasuredRun) -> list[np.ndarray]:
     """Return for each sensor the forcing periods from the beginning of the run to its samples."""
@@ -158,17 +168,23 @@ class ChannelRecord(Unlabelled):
 
 @functools.partial(jit, static_argnames=("names",))
 def begin(
-    scenes: Batched[Scene], starts: Motion | State, epoch: Float[Array, " runs"], *, names: tuple[str, ...]
+    scenes: Batched[Scene],
+    starts: Motion | State,
+    epoch: Float[Array, " runs"],
+    carried: Float[Array, "runs size"] | None = None,
+    *,
+    names: tuple[str, ...],
 ) -> SlopePassage:
     """Return runs at their beginning, with the channels there as a sample of one instant.
 
     Derivatives are first with respect to the parameters, then to the ten numbers of the start's motion.
 
     **Arguments:** `starts`: motions whose closed contacts begin there; `epoch`: forcing periods from distance zero;
-    `names`: of the parameters for derivatives of runs.
+    `carried`: numbers of the states that differ from these, such as the memory of contacts that are closed already,
+    and NaN for the others; `names`: of the parameters for derivatives of runs.
     """
 
-    def one(scene: Scene, start: Motion | State, epoch: Real) -> SlopePassage:
+    def one(scene: Scene, start: Motion | State, epoch: Real, carried: Array | None) -> SlopePassage:
         start = start if isinstance(start, State) else State(start, None)
         count = len(names)
         numbers = jnp.stack([getattr(start.motion, name) for name in MOTION_NUMBERS])
@@ -176,15 +192,19 @@ def begin(
 
         def at(both: Array) -> tuple[State, Channels]:
             here = at_values(scene, names, both[:count])
-            motion = Motion(*both[count:], payload=start.motion.payload, modes=start.motion.modes)
+            # a start at rest stays one
+            motion = replace(start.motion, **dict(zip(MOTION_NUMBERS, both[count:], strict=True)))
             state, _ = state_and_penetration(here, State(motion, start.memory), epoch)
+            if carried is not None:
+                row, state_of = ravel_pytree(state)
+                state = state_of(jnp.where(jnp.isnan(carried), row, carried))
             seen = channels(Args(here, epoch), 0.0, state)
             return state, jax.tree.map(lambda a: a[None], seen)
 
         (state, seen), (slopes, seen_slopes) = slopes_along(at, (both,), jnp.eye(both.size))
         return SlopePassage(state, jax.vmap(lambda slope: ravel_pytree(slope)[0])(slopes), (seen,), (seen_slopes,))
 
-    return scenes.map(one, starts, epoch)
+    return scenes.map(one, starts, epoch, carried)
 
 
 class Course(NamedTuple):
@@ -193,9 +213,16 @@ class Course(NamedTuple):
     reading: Float[np.ndarray, "starts windows sensors samples"]
     slope: Float[np.ndarray, "starts windows sensors samples directions"]
     """Derivatives by the parameters, and by the ten numbers of the window's start in their scales."""
-    end: Float[np.ndarray, "starts windows 10"]
-    """Numbers of the motion at the beginning of the next window's run [scales]."""
+    last: Float[np.ndarray, "starts windows size"]
+    """State at the beginning of the next window's run."""
     end_slope: Float[np.ndarray, "starts windows 10 directions"]
+    """Derivatives of `end`."""
+
+    @property
+    def end(self) -> Float[np.ndarray, "starts windows 10"]:
+        """Numbers of the motion at the beginning of the next window's run [scales]."""
+        # the first numbers of a state belong to its motion
+        return self.last[..., : len(SIZES)] / SIZES
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -258,13 +285,15 @@ class Model:
         levels: Float[np.ndarray, "starts parameters"],
         numbers: Float[np.ndarray, "starts windows 10"] | None,
         lanes: int,
-        work: Callable[[Batched[Scene], Motion | State, np.ndarray, np.ndarray], list[np.ndarray]],
+        work: Callable[..., list[np.ndarray]],
+        *more: Float[np.ndarray, "starts windows *numbers"],
         **rails: np.ndarray,
     ) -> list[np.ndarray]:
-        """Call `work(scenes, starts, windows, numbers of sensors)` for the runs of all starts and windows.
+        """Call `work(scenes, starts, windows, numbers of sensors, *more)` for the runs of all starts and windows.
 
         **Arguments:** `numbers`: of the motions with which runs begin [scales], None for the problem's motion;
-        `lanes`: runs in one call; `rails`: numbers that choose the rail of each run.
+        `lanes`: runs in one call; `more`: arrays of which each run gets its part; `rails`: numbers that choose the
+        rail of each run.
 
         **Returns:** the arrays of `work`, (starts, windows, ...).
         """
@@ -278,37 +307,46 @@ class Model:
         grid |= {name: np.repeat(values[:, k], windows.count) for k, name in enumerate(problem.names)}
         # a grid needs at least one list
         grid |= {"start_y": np.full(total, float(problem.motion.y))}
-        cases = Cases(problem.scene, grid, problem.start if numbers is None else problem.motion, product=False)
+        motion = Motion(payload=problem.motion.payload, modes=problem.motion.modes)
+        cases = Cases(problem.scene, grid, problem.start if numbers is None else motion, product=False)
         if numbers is not None:
             values_of_starts = (numbers.reshape(total, -1) * SIZES).T
             cases.starts = replace(cases.starts, **dict(zip(MOTION_NUMBERS, values_of_starts, strict=True)))
         window = np.tile(np.arange(windows.count), count)
         of_sensors = np.repeat(values[:, len(problem.names) :], windows.count, axis=0)
+        of_runs = [window, of_sensors, *(a.reshape(total, *a.shape[2:]) for a in more)]
         # the last group is filled up with copies of the last case
         groups = np.minimum(np.arange(-(-total // lanes) * lanes), total - 1).reshape(-1, lanes)
         made: list[list[np.ndarray]] = [[]] * len(groups)
 
         def one(k: int) -> None:
             index = groups[k]
-            made[k] = work(*cases.take(index), window[index], of_sensors[index])
+            made[k] = work(*cases.take(index), *(a[index] for a in of_runs))
 
         gather([functools.partial(one, k) for k in range(len(groups))], cores())
         every = [np.concatenate(arrays)[:total] for arrays in zip(*made, strict=True)]
         return [a.reshape(count, windows.count, *a.shape[1:]) for a in every]
 
-    def course(self, points: Float[np.ndarray, "starts unknowns"], stride: int = 1) -> Course:
+    def course(
+        self,
+        points: Float[np.ndarray, "starts unknowns"],
+        carried: Float[np.ndarray, "starts windows size"] | None = None,
+        stride: int = 1,
+    ) -> Course:
         """Run the model from some starts, and differentiate it.
 
-        **Arguments:** `points`: see `split`; `stride`: step between the instants from which signals are
-        interpolated.
+        **Arguments:** `points`: see `split`; `carried`: see `begin`; `stride`: step between the instants from which
+        signals are interpolated.
         """
         problem = self.problem
         reader = self.reader(self.samples // stride, problem.origin)
+        if carried is None:
+            carried = np.full((len(points), self.windows.count, self.size), np.nan)
 
-        def work(scenes, starts, window, q):
+        def work(scenes, starts, window, q, carried):
             epoch = self.epoch[window]
             how = dict(names=problem.names, **self._how)
-            passed = [begin(scenes, starts, epoch, names=problem.names)]
+            passed = [begin(scenes, starts, epoch, carried, names=problem.names)]
             for k in range(self.windows.periods + problem.lead):
                 heed_interrupts()
                 now = passed[-1]
@@ -320,19 +358,35 @@ class Model:
                 lambda *parts: np.concatenate(parts, axis=2)[:, :, ::stride], *[one.sample_slopes for one in passed]
             )
             reading, slope = map(np.asarray, reader(scenes, q, seen, slopes, epoch, self.windows.time[window]))
-            last = passed[self.windows.periods]
-            # the first numbers of a state belong to its motion
-            end = StateLayout.pack(last.state)[:, : len(SIZES)]
-            end_slope = np.asarray(last.slopes)[..., : len(SIZES)]
-            return [reading, np.moveaxis(slope, 1, -1), end, np.moveaxis(end_slope, 1, -1)]
+            end = passed[self.windows.periods]
+            end_slope = np.asarray(end.slopes)[..., : len(SIZES)]
+            return [reading, np.moveaxis(slope, 1, -1), StateLayout.pack(end.state), np.moveaxis(end_slope, 1, -1)]
 
-        reading, slope, end, end_slope = self.each(*self.split(points), LANES, work)
+        reading, slope, last, end_slope = self.each(*self.split(points), LANES, work, carried)
         # the numbers of sensors do not move the body
         at = [len(problem.names)] * len(problem.sensor_names)
         end_slope = np.insert(end_slope, at, 0.0, axis=-1)
         for array in (slope, end_slope):
             array[..., -len(SIZES) :] *= SIZES
-        return Course(reading, slope, end / SIZES, end_slope / SIZES[:, None])
+        return Course(reading, slope, last, end_slope / SIZES[:, None])
+
+    @property
+    def size(self) -> int:
+        """Count of the numbers of a state."""
+        return StateLayout.of(self.problem.scene).size
+
+    @staticmethod
+    def carried(rows: Float[np.ndarray, "starts windows size"]) -> Float[np.ndarray, "starts windows size"]:
+        """Return states without their motions, which are unknown, as `course` takes them."""
+        return np.concatenate([np.full_like(rows[..., : len(SIZES)], np.nan), rows[..., len(SIZES) :]], axis=-1)
+
+    def begun(self, levels: Float[np.ndarray, "starts parameters"]) -> Float[np.ndarray, "starts windows size"]:
+        """Return the states of the problem's start at the beginning of windows."""
+        names = self.problem.names
+        work = lambda scenes, starts, window, q: [
+            StateLayout.pack(begin(scenes, starts, self.epoch[window], names=names).state)
+        ]
+        return self.each(levels, None, VECTOR_LANES, work)[0]
 
     def compile_ahead(self) -> None:
         """Compile the program of derivatives, the longest program, while others are compiled and run."""
@@ -348,14 +402,12 @@ class Model:
         """Return motions with which the windows may begin [scales], and their distance from the samples.
 
         For each start, these are the states of its settled motion after which the next periods are most similar to
-        the record. On rails that do not recur there is only one place, and nothing settles.
+        the record, on a rail that recurs.
         """
         windows, problem = self.windows, self.problem
-        recurrence = float(np.max(np.asarray(problem.scene.recurrence)))
-        recurs = np.isfinite(recurrence)
-        every = max(int(recurrence), 1) if recurs else 1
-        shifts = np.arange(SHIFTS if recurs else 1) * every
-        settle = -(-transient // every) * every if recurs else 0
+        every = max(int(problem.scene.recurrence), 1)
+        shifts = np.arange(SHIFTS) * every
+        settle = -(-transient // every) * every
         length = windows.periods + problem.lead
         total = settle + int(windows.lag.max() + shifts[-1]) + length
         reader = self.reader(self.samples, problem.origin)

@@ -255,9 +255,10 @@ def fit(
         equally likely a priori; if the bounds are far apart, all logarithms. The scene's own value must be allowed.
     - `frozen`: names of `unknowns` that keep the scene's value.
     - `method`: `Trajectories()` by default, for periodic motions and short records; `Features()` in chaos.
-    - `begin`: place where runs begin [m], `start`: as for `simulate`. `steps_per_period`: by default the number that
-        the scene needs; the number grows until half the step changes no estimate by a fifth of its standard error.
-        `solver`: as for `simulate`; for trajectories by default `RK4()`, whose derivatives are the fastest.
+    - `begin`: place where runs begin [m], `start`: as for `simulate`; for trajectories on rails that do not recur by
+        default at rest. `steps_per_period`: by default the number that the scene needs; the number grows until half
+        the step changes no estimate by a fifth of its standard error. `solver`: as for `simulate`; for trajectories
+        by default `RK4()`, whose derivatives are the fastest.
     - `confidence`: probability of the intervals; `seed`: of the first points that are tried.
 
     **Returns:** a `Fit`; check its `status`, `not_identified` and `misfit`.
@@ -276,7 +277,7 @@ def fit(
     method = Trajectories() if method is None else method
     instance("method", method, AbstractFitMethod, "a method of slipperjax.fitting")
     runs = measured_runs(measured, rig)
-    origin, first = beginning(scene, known("begin", begin), start)
+    origin, first = beginning(scene, known("begin", begin), method.start(scene) if start is None else start)
     confidence = number(positive, "confidence", confidence)
     require(confidence < 1, "confidence", "be below 1", confidence)
     problem = Problem(

@@ -64,17 +64,22 @@ Found = tuple[dict[str, Sequence[np.ndarray]], dict[str, float]]
 """Times and values of sensors by name, and known parameters."""
 
 
-def _of_file(file: str | os.PathLike[str], rig: Rig) -> Found:
-    """Read the signals of a CSV or netCDF file: a time, a column for each sensor, and columns of known parameters."""
+def timed_table(file: str | os.PathLike[str], wanted: dict[str, str], others: dict[str, str] | None = None) -> Table:
+    """Return the table of a file with times that rise, see `Table`; faults are still to be raised."""
     path = user_path(file, "measured")
-    settings = {name: "" if q.unit == "1" else q.unit for name, q in PARAMETERS.items()}
-    wanted = settings | {"time": "s"} | {sensor.name: sensor.unit for sensor in rig.sensors}
-    table = Table(path, content_of(path), wanted, {"t": "time", "seconds": "time"}, holes=True)
+    names = {"t": "time", "seconds": "time"} | (others or {})
+    table = Table(path, content_of(path), wanted | {"time": "s"}, names, holes=True)
     if "time" in table.columns:
         table.check_rising("time")
     else:
         table.fault("must have a column `time`")
-    columns = table.si()
+    return table
+
+
+def _of_file(file: str | os.PathLike[str], rig: Rig) -> Found:
+    """Read the signals of a CSV or netCDF file: a time, a column for each sensor, and columns of known parameters."""
+    settings = {name: "" if q.unit == "1" else q.unit for name, q in PARAMETERS.items()}
+    columns = timed_table(file, settings | {sensor.name: sensor.unit for sensor in rig.sensors}).si()
     known = {}
     for name, values in columns.items():
         if name in settings:

@@ -143,6 +143,11 @@ class Problem:
     seed: int
 
     @property
+    def recurs(self) -> bool:
+        """Whether the rail recurs, so that motions may settle, and be alike elsewhere."""
+        return bool(np.isfinite(self.scene.recurrence))
+
+    @property
     def scenes(self) -> list[Scene]:
         """The scene of each run."""
         return [self.scene.replace(**run.settings) if run.settings else self.scene for run in self.runs]
@@ -217,6 +222,10 @@ class AbstractFitMethod(abc.ABC):
     def solver(self, scene: Scene) -> diffrax.AbstractSolver:
         """Return the solver that runs have by default."""
         return resolve_solver(scene, None)
+
+    def start(self, scene: Scene) -> str | None:
+        """Return the start that runs have by default, as for `simulate`."""
+        return None
 
     def check(self, problem: Problem) -> None:  # noqa: B027 - most methods solve every problem
         """Raise `ValueError` for a problem that the method cannot solve."""

@@ -163,7 +163,7 @@ STALLED = 0.5
 GAIN = 0.02
 """Change of the sum of squares that does not count as a gain: that of a seventh of a standard error [1]."""
 PATIENCE = 4
-"""Points without any gain after which a search stops; half as many for a rough search."""
+"""Points without any gain after which a search stops."""
 APART = 4.0
 """Distance from which two minima count as different [standard errors]."""
 GIVEN_UP_ABOVE = 2.0
@@ -192,11 +192,8 @@ class Found:
     """Number of points since the last gain."""
     rough: float
     """Share of the sum of squares that does not count as a gain [1]."""
-
-    @property
-    def patience(self) -> int:
-        """Points without any gain after which a search stops."""
-        return PATIENCE // 2 if self.rough else PATIENCE
+    patience: int
+    """Points without any gain after which a search stops."""
 
     @property
     def cost(self) -> Float[np.ndarray, " starts"]:
@@ -267,15 +264,16 @@ def search(
     shown: Callable[[str], object] = lambda text: None,
     *,
     rough: float = 0.0,
+    patience: int = PATIENCE,
 ) -> Found:
     """Search the least squares from some points.
 
     **Arguments:** `shown`: called with texts on the progress; `rough`: share of the sum of squares that is no gain
-    [1].
+    [1]; `patience`: points without any gain after which a search stops.
     """
     local = evaluate(points, np.arange(len(points)))
     damping = np.maximum(np.sqrt(DAMPING) * local.lengths, 1e-12)
-    found = Found(points.copy(), local, damping, np.zeros(len(points), int), rough)
+    found = Found(points.copy(), local, damping, np.zeros(len(points), int), rough, patience)
     for _ in range(MOST_STEPS):
         index = np.flatnonzero(found.active)
         shown(f"{len(index)} of {len(points)} searches, chi-squared {found.cost.min():.5g}")

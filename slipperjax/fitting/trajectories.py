@@ -1,7 +1,7 @@
 """Fits of trajectories: least squares of the differences from the samples, by exact derivatives, from many starts."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -16,7 +16,7 @@ from ..tools.columns import column
 from ..tools.limits import refuse_impossible
 from .course import SIZES, Course, Model, Windows
 from .method import AbstractFitMethod, Posterior, Problem, spread
-from .search import LOST, Chain, Found, search
+from .search import LOST, PATIENCE, STALLED, Chain, Found, search
 
 MOST_NOISE_RATIO = 1.2
 """Residual over the given noise above which a model does not explain a signal [1]."""
@@ -117,6 +117,9 @@ REFINED_STARTS = 4
 """Number of searches that continue from the results of the first search: they take as long as one."""
 DRAWS = 15
 """Number of likely parameters whose signals are kept; with the estimate, two batches."""
+GROWN_PATIENCE = 10
+"""Points without any gain after which a search along a growing part of a record stops: too long steps become
+a thousandth, because a small part shows little of some unknowns, which then move far."""
 ROUNDS = 6
 """Most searches; after each search the noise is estimated again, or the step is halved."""
 NEGLIGIBLE_CHANGE = 0.2
@@ -138,7 +141,8 @@ class Trajectories(AbstractFitMethod):
     starts: int = 16
     """Number of simultaneous searches, from those points of a cover of the priors that fit the record best."""
     window: int | None = None
-    """Forcing periods after which a motion begins again at the end of the last (multiple shooting). None: never."""
+    """Forcing periods after which a motion begins again at the end of the last (multiple shooting). None: never, but
+    on rails that do not recur after each."""
     transient: int = 100
     """Forcing periods after which a motion serves as a first guess."""
 
@@ -153,8 +157,12 @@ class Trajectories(AbstractFitMethod):
         # fastest to compile and to differentiate; where its steps matter, their number will grow
         return RK4()
 
+    def start(self, scene):
+        # as `slipperjax.run` on such rails
+        return None if np.isfinite(scene.recurrence) else "rest"
+
     def fitted(self, problem: Problem, shown: Callable[[str], object]) -> SignalPosterior:
-        windows = Windows.of(problem, self.window)
+        windows = Windows.of(problem, self.window or (None if problem.recurs else 1))
         rows = windows.count * (windows.known[0].size + 2 * len(SIZES))
         columns = 2 * len(SIZES) + len(problem.unknowns) + 1
         slopes = f"derivatives by the starts of {windows.count} windows (a larger `window` makes fewer)"
@@ -168,38 +176,34 @@ class Trajectories(AbstractFitMethod):
         levels = np.vstack([problem.own, spread(problem.unknowns, CANDIDATES * self.starts - 1, problem.seed)])
         shown("first guesses")
         model.compile_ahead()
-        guess, far = model.guesses(levels, self.transient, noise)
-        kept = np.argsort(far, kind="stable")[: self.starts]
-        points = np.hstack([levels, guess.reshape(len(guess), -1)])
-        # first roughly from all starts, then from the few minima found
-        for jump in CONTINUITY[:-1] if windows.count > 1 else CONTINUITY[:1]:
-            guess = guess[kept]
-            fit = Fitting(model, guess, noise, jump)
-            found = search(fit.rows, points[kept], shown, rough=ROUGH)
-            points = found.point
-            best = np.argsort(found.cost)[:REFINED_STARTS]
-            kept = best[found.cost[best] <= 2 * found.cost[found.lead]]
+        # on a rail that does not recur, motions that differ are nowhere alike: later windows have no guess
+        along, patience = (narrowed, PATIENCE) if problem.recurs else (grown, GROWN_PATIENCE)
+        fit, found, kept = along(self, model, levels, noise, shown)
         if found.cost[found.lead] >= LOST:
             raise ValueError(
                 "Argument `unknowns` must have values with which the motion stays on the rail, but all starts are "
                 "lost: raise steps_per_period, check the units, or change the bounds."
             )
-        noise = or_given(fit.noise_left(model.course(points[[found.lead]])))
+        lead = np.array([found.lead])
+        noise = or_given(fit.noise_left(fit.course(found.point[lead], lead)))
         model = model.with_steps(2 * model.steps)
         for _ in range(ROUNDS):
             levels, _ = model.split(found.point)
             model = model.with_steps(problem.needed(levels[found.lead]))
-            fit = Fitting(model, fit.guess[kept], noise)
-            found = search(fit.rows, found.point[kept], shown)
+            fit, points = fit.onward(found.point, kept, model)
+            fit = replace(fit, noise=noise, jump=CONTINUITY[-1])
+            found = search(fit.rows, points, shown, patience=patience)
             kept = found.distinct(LIKELY)
             shown("errors")
             by_step, by_instants, left = fit.checked(found)
-            # more steps and instants, until their effect is small enough
-            if np.abs(by_step).max() > NEGLIGIBLE_CHANGE:
-                model = model.with_steps(2 * model.steps)
-            if np.abs(by_instants).max() > NEGLIGIBLE_CHANGE:
-                model = model.with_samples(2 * model.samples)
-            if model is fit.model and np.all(np.isfinite(given) | (np.abs(left / noise - 1) < 0.02)):
+            # more steps and instants, until their effect is small enough; on no minimum it says nothing
+            if found.converged[found.lead]:
+                if np.abs(by_step).max() > NEGLIGIBLE_CHANGE:
+                    model = model.with_steps(2 * model.steps)
+                if np.abs(by_instants).max() > NEGLIGIBLE_CHANGE:
+                    model = model.with_samples(2 * model.samples)
+            known = np.all(np.isfinite(given) | (np.abs(left / noise - 1) < 0.02))
+            if model is fit.model and known and fit.is_one_motion(found):
                 break
             noise = or_given(left)
         return fit.posterior(found, kept, by_step)
@@ -211,14 +215,55 @@ class Fitting:
 
     model: Model
     guess: Float[np.ndarray, "starts windows 10"]
+    """Motions about which windows begin [scales]."""
+    carried: Float[np.ndarray, "starts windows size"]
+    """Other numbers with which windows begin, see `begin`: those at the end of the window before."""
     noise: Float[np.ndarray, " sensors"]
     jump: float = CONTINUITY[-1]
     """Standard deviation of the jumps of motions from window to window [scales]."""
 
+    def of(self, kept: np.ndarray) -> "Fitting":
+        """Return the least squares of some of the starts."""
+        return replace(self, guess=self.guess[kept], carried=self.carried[kept])
+
+    def course(self, points: Float[np.ndarray, "starts unknowns"], index: np.ndarray) -> Course:
+        """Return the runs from points of the starts at `index`."""
+        return self.model.course(points, self.carried[index])
+
+    def onward(
+        self, points: Float[np.ndarray, "starts unknowns"], kept: np.ndarray, model: Model
+    ) -> tuple["Fitting", np.ndarray]:
+        """Return the least squares from some of the starts with the windows of another model, and their points.
+
+        Windows begin with the memory of contacts at the end of the window before. Those that are not among the
+        present ones begin there.
+        """
+        old, new = self.model.windows, model.windows
+        if not new.number.any():
+            return replace(self.of(kept), model=model), points[kept]
+        course = self.course(points[kept], kept)
+        levels, numbers = self.model.split(points[kept])
+        same_run = new.run[:, None] == old.run
+        here = same_run & (new.number[:, None] == old.number)
+        before = same_run & (new.number[:, None] == old.number + 1)
+        is_old, follows = here.any(axis=1), before.any(axis=1)
+        place, earlier = here.argmax(axis=1), before.argmax(axis=1)
+        either = lambda known: np.where(is_old[:, None], known[:, place], course.end[:, earlier])
+        after = np.where(follows[:, None], model.carried(course.last[:, earlier]), self.carried[kept][:, place])
+        fit = replace(self, model=model, guess=either(self.guess[kept]), carried=after)
+        return fit, np.hstack([levels, either(numbers).reshape(len(kept), -1)])
+
+    def is_one_motion(self, found: Found) -> bool:
+        """Return whether the best point remains one if windows begin with the memory at the end of the one before."""
+        if not self.model.windows.number.any():
+            return True
+        fit, points = self.onward(found.point, np.array([found.lead]), self.model)
+        return bool(fit.rows(points, np.zeros(1, int)).distance[0] < STALLED)
+
     def rows(self, points: Float[np.ndarray, "starts unknowns"], index: np.ndarray) -> Chain:
         """Return all residuals, in standard deviations [1], and their derivatives, at points of the starts at
         `index`: differences from samples, jumps between windows, and deviations of the unknowns from their priors."""
-        course = self.model.course(points)
+        course = self.course(points, index)
         return self._chain(points, index, course, course.reading - self.model.windows.value)
 
     def _chain(
@@ -264,16 +309,17 @@ class Fitting:
         index = np.array([found.lead])
         point = found.point[index]
         errors = np.sqrt(np.diag(_covariance(found.of_lead)))
-        course = self.model.course(point)
+        course = self.course(point, index)
 
         def shift(other: Course) -> np.ndarray:
             # the change of the least squares' parameters if only the signals change
             chain = self._chain(point, index, course, other.reading - course.reading, others=0.0)
             return -chain.solve(chain.residual[:, :-1])[0, : len(errors)] / errors
 
-        finer = self.model.with_steps(2 * self.model.steps).course(point)
+        finer = self.model.with_steps(2 * self.model.steps).course(point, self.carried[index])
         # half the instants have 14 times the error, measured with 20, 40 and 80 instants: cubics are of fourth order
-        return shift(finer), shift(self.model.course(point, stride=2)) / 14, self.noise_left(course)
+        coarser = self.model.course(point, self.carried[index], stride=2)
+        return shift(finer), shift(coarser) / 14, self.noise_left(course)
 
     def posterior(self, found: Found, kept: np.ndarray, change: np.ndarray) -> SignalPosterior:
         """Return what is known about the parameters after the searches.
@@ -287,7 +333,7 @@ class Fitting:
         local = found.of_lead
         (root,) = local.root
         draws = point + local.solve(np.random.default_rng(0).normal(size=(DRAWS, point.size)))
-        likely = model.course(np.vstack([point, draws])).reading
+        likely = self.course(np.vstack([point, draws]), np.full(1 + DRAWS, lead)).reading
         return SignalPosterior(
             level=point[:own],
             covariance=_covariance(local),
@@ -302,6 +348,49 @@ class Fitting:
             draws=likely[1:],
             start=Motion(*(model.split(point[None])[1][0, 0] * SIZES)),
         )
+
+
+def narrowed(
+    method: Trajectories, model: Model, levels: np.ndarray, noise: np.ndarray, shown: Callable[[str], object]
+) -> tuple[Fitting, Found, np.ndarray]:
+    """Return the minima near the guesses of all windows, first roughly from all starts, then from the best ones.
+
+    **Returns:** least squares, the searches, and the indices of those to continue.
+    """
+    guess, far = model.guesses(levels, method.transient, noise)
+    kept = np.argsort(far, kind="stable")[: method.starts]
+    points = np.hstack([levels, guess.reshape(len(guess), -1)])
+    for jump in CONTINUITY[:-1] if model.windows.number.any() else CONTINUITY[:1]:
+        guess = guess[kept]
+        fit = Fitting(model, guess, np.full((*guess.shape[:2], model.size), np.nan), noise, jump)
+        found = search(fit.rows, points[kept], shown, rough=ROUGH, patience=PATIENCE // 2)
+        points = found.point
+        best = np.argsort(found.cost)[:REFINED_STARTS]
+        kept = best[found.cost[best] <= 2 * found.cost[found.lead]]
+    return fit, found, kept
+
+
+def grown(
+    method: Trajectories, model: Model, levels: np.ndarray, noise: np.ndarray, shown: Callable[[str], object]
+) -> tuple[Fitting, Found, np.ndarray]:
+    """Return the minima near the guesses of the first windows, and follow them along the record: one more window
+    begins at the end of the last one, before motions that are alike become different. Arguments as of `narrowed`."""
+    most = int(model.windows.number.max()) + 1
+    part = lambda count: replace(model, windows=model.windows.first(count))
+    begun = part(1).begun(levels)
+    guess = begun[..., : len(SIZES)] / SIZES
+    fit = Fitting(part(1), guess, part(1).carried(begun), noise)
+    points = np.hstack([levels, guess.reshape(len(guess), -1)])
+    kept = np.argsort(fit.rows(points, np.arange(len(points))).cost, kind="stable")[: method.starts]
+    fit, points = fit.of(kept), points[kept]
+    for count in range(1, most + 1):
+        tell = lambda more, count=count: shown(f"{count} of {most} windows: {more}")
+        found = search(fit.rows, points, tell, rough=ROUGH, patience=GROWN_PATIENCE)
+        # the least squares of a part need not lead to those of the whole
+        kept = np.argsort(found.cost)[:REFINED_STARTS]
+        if count < most:
+            fit, points = fit.onward(found.point, kept, part(count + 1))
+    return fit, found, found.distinct(found.cost[found.lead])
 
 
 def _covariance(local: Chain) -> Float[np.ndarray, "parameters parameters"]:
