@@ -186,6 +186,7 @@ def test_events_are_followed_over_a_second_parameter(room, branch, replaced, tmp
     """The curve of the file's flip, made by hand, with a point of codimension two."""
     texts = {"label": ["EP", "GPD"], "point": [0, 1], "note": ["", ""]}
     texts["coefficients"] = ["{}", '{"e": [-0.125, 0.0, 0.01]}']
+    texts["stderr"] = ["{}", "{}"]
     columns = {f"event_{name}": ("event", list(values)) for name, values in texts.items()}
     coords = {"speed": ("point", [1090.0, 1100.0]), "clearance": ("point", [1e-3, 2e-3])}
     attrs = dict(label="PD", varied='["speed", "clearance"]', ended=["bound", "bound"], orbit_period=1)
