@@ -37,7 +37,7 @@ def test_noise_is_that_of_the_sensor_or_a_share_of_its_signal(run):
 
 def test_starts_that_are_all_lost_are_an_error(run, monkeypatch):
     nowhere = Chain.of(np.full((2, 1, 20, 22), np.nan), np.zeros((2, 1, 2)))
-    lost = lambda evaluate, points, shown, rough=0.0: search(lambda points, index: nowhere, points)
+    lost = lambda evaluate, points, shown, **how: search(lambda points, index: nowhere, points)
     monkeypatch.setattr(trajectories, "search", lost)
     measured = synthetic_record(run, AZ, rate=5000.0)
     with pytest.raises(ValueError, match="all starts are lost: raise steps_per_period"):
