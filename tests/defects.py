@@ -468,13 +468,13 @@ short waves get no more steps where impacts are damped | tests/model/test_tracks
 -10 * waves * damped_waves(damping)
 +10 * waves
 touchdowns are looked for from the chord | tests/tools/test_hermite.py -k direction
--    x = _to_zero(start, slope, end - start - slope, falls)
+-    x = store(_to_zero(start, slope, end - start - slope, falls))
 +    x = start / jnp.where(start == end, 1.0, start - end)
 touchdowns where gaps rise | tests/tools/test_hermite.py -k way_back
 -    root = jnp.where(falls, -root, root)
 +    root = jnp.where(falls, root, -root)
 touchdowns of gaps that nearly touch before | tests/tools/test_hermite.py -k nearly_touches
--    x = x + _to_zero(cubic.value(x), cubic.slope_at(x), 3 * cubic.cube * x + cubic.square, falls)
+-    x = store(x + _to_zero(cubic.value(x), cubic.slope_at(x), 3 * cubic.cube * x + cubic.square, falls))
 +    x = x - cubic.value(x) / cubic.slope_at(x)
 the memory between adaptive steps is that at their end | tests/solvers/test_adaptive.py -k records_of
 -        frozen = jnp.where(y0.memory < 0, y0.memory, y1.memory)
