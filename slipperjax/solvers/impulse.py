@@ -317,8 +317,8 @@ def _edge(
     start = path.gap.start
     touches = (gap < 0) & ((start >= 0) if memory is None else (memory == 0))
     opens = (gap >= 0) & (start < 0)
-    # 1 where the force begins, -1 where it ends, 0 where it does neither: numbers, because XLA handles arrays of truth
-    # values one value at a time
+    # 1 where the force begins, -1 where it ends, 0 where it does neither: numbers, because XLA handles truth values
+    # of arrays one at a time
     kind = jnp.where(touches, 1.0, jnp.where(opens, -1.0, 0.0))
     limit = 0.0
     if scene.contact.clamp:
