@@ -146,7 +146,11 @@ class LeavingSearch(OneTouch):
     """Search for the points of a curve of grazings where curves of folds and flips of one-impact motions leave."""
 
     def between(self, a: Node, b: Node) -> list[Event]:
-        return [event for label in LEAVING if (event := self.leaving(label, a, b)) is not None]
+        chord = (b.z - a.z) * a.weights**2
+        share = lambda event: chord @ (event.node.z - a.z) / (chord @ (b.z - a.z))
+        found = [event for label in LEAVING if (event := self.leaving(label, a, b)) is not None]
+        # Newton's method may end at a point of another step
+        return sorted((event for event in found if 0 <= share(event) <= 1), key=share)
 
     def leaving(self, label: str, a: Node, b: Node) -> Event | None:
         """Return the point between two grazings where a curve leaves, if any."""
@@ -234,19 +238,22 @@ def leave_grazing(
     "grazing" where this rate falls to zero again, and with "second touch" where another impact begins. Multipliers
     are NaN where the rate is zero.
     """
-    instance("curve", curve, Branch, "a curve of slipperjax.analysis.continue_grazing")
+    need = "a curve of slipperjax.analysis.continue_grazing"
+    instance("curve", curve, Branch, need)
+    require(isinstance(curve.equations, GrazingMotions), "curve", f"be {need}", type(curve.equations).__name__)
     instance("event", event, Event, "one of the curve's events")
     one_of("event", event.label, tuple(f"GR{label}" for label in LEAVING))
     limits = [checked_bounds(pair) for pair in bounds]
     equations, first = _left(curve.equations, event.node.z, event.label[2:], tolerance)
+    check_found("event", "a point where a curve leaves", first, tolerance)
     further = [FREE, (0.0, np.inf), *[FREE] * (equations.further - 2)]
     options = dict(ways=(1,), tolerance=tolerance, pace=pace, points=points)
-    curve = followed(equations, first, *limits, *further, search=OneTouch, **options)
-    back, ahead = curve.ends
+    leaving = followed(equations, first, *limits, *further, search=OneTouch, **options)
+    back, ahead = leaving.ends
     # the bound of the rate
-    if ahead.reason == "bound" and curve.nodes[-1].z[equations.motions.size + 3] <= SLOWEST:
+    if ahead.reason == "bound" and leaving.nodes[-1].z[equations.motions.size + 3] <= SLOWEST:
         ahead = ahead._replace(reason="grazing")
-    return dataclasses.replace(curve, ends=(back, ahead))
+    return dataclasses.replace(leaving, ends=(back, ahead))
 
 
 def _least(equations: GrazingMotions, static: tuple, z: Array) -> Array:
@@ -273,14 +280,11 @@ def _matrix(equations: GrazingMotions, static: tuple, z: Array, mu: Array) -> Ar
     return jax.vmap(lambda v: equations.linearised(z, mu, v), out_axes=1)(jnp.eye(equations.motions.size + 1))
 
 
-def _left(
-    equations: AbstractEquations, near: np.ndarray, label: str, tolerance: float
-) -> tuple[LeavingMotions, Node]:
+def _left(equations: GrazingMotions, near: np.ndarray, label: str, tolerance: float) -> tuple[LeavingMotions, Node]:
     """Return the equations and first point of a curve that leaves near some unknowns, with a tangent towards impacts.
 
     At this point the rate of the impact is zero.
     """
-    assert isinstance(equations, GrazingMotions)
     leaving = LeavingMotions(equations.motions, label)
     z = np.append(near, np.linalg.svd(_pencil(equations, near, label))[2][-1])
     row = np.eye(z.size)[leaving.motions.size + 3]

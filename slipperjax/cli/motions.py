@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from ..orbits.periodic import PeriodicOrbit
 
 Bounds = tuple[str, float | str, float | str]
-"""Parameter, lower and upper bound in its display unit or as texts with a unit."""
+"""Parameter, lower and upper bound in the unit of `shown_value` or as texts with a unit."""
 period = option("--period", COUNT, "Forcing periods after which the motion repeats.")
 SWITCHED = ("PD", "BP")
 """Labels of the events at which other branches begin: flips and branch points."""

@@ -214,7 +214,7 @@ FROM_ZERO = Whole(0)
 
 
 class Measure(click.ParamType):
-    """A number in a display unit, or a text with any unit of the same kind, such as "1/16 in".
+    """A number in the unit of `shown_value`, or a text with any unit of the same kind, such as "1/16 in".
 
     Without a quantity texts stay texts: another value of the same option names the parameter, and `shown_value`
     converts the texts when both values are known.
@@ -226,7 +226,6 @@ class Measure(click.ParamType):
         self.quantity = quantity
 
     def convert(self, value: float | str, param: click.Parameter | None, ctx: click.Context | None) -> float | str:
-        # numbers are in the display unit
         try:
             return float(value)
         except ValueError:
@@ -237,7 +236,9 @@ VALUE = Measure()
 
 
 def shown_value(quantity: Quantity, value: float | str) -> float:
-    """Return a value of an option in its display unit; a number is in this unit, at a path in the SI unit.
+    """Return a value of an option in its display unit.
+
+    A number has the display unit for a parameter with a name of its own, and the SI unit for a path.
 
     **Raises:** `ValueError` for a text without a unit of the quantity's kind.
     """
@@ -475,7 +476,7 @@ def make_bounds(
 ) -> tuple[Parameter, tuple[float, float]]:
     """Return a parameter and its bounds [SI unit].
 
-    **Arguments:** `option`: for errors; `low`, `high`: in the display unit, or texts with a unit.
+    **Arguments:** `option`: for errors; `low`, `high`: in the unit of `shown_value`, or texts with a unit.
 
     **Raises:** `ValueError` that names the wrong option or parameter.
     """

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from ..sweeps.store import Store
 
 Axis = tuple[str, float | str, float | str, int]
-"""Parameter, first and last value in its display unit or as texts with a unit, number of values."""
+"""Parameter, first and last value in the unit of `shown_value` or as texts with a unit, number of values."""
 SWEEP = "sweeps.sweep.sweep"
 LYAPUNOV_SWEEP = "sweeps.sweep.lyapunov_sweep"
 PERIODS = {

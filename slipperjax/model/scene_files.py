@@ -546,7 +546,7 @@ def _from_station(name: str, value: object, unit: str) -> object:
     """Return a station, such as 8+00, as a distance with a unit, also in lists; other values unchanged."""
     if isinstance(value, list):
         return [_from_station(name, part, unit) for part in value]
-    if isinstance(value, str) and re.match(r"\s*\d+\+", value):
+    if isinstance(value, str) and re.match(r"\s*\d+\s*\+", value):
         return f"{station(name, value, unit)!r} m"
     return value
 

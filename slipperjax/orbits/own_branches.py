@@ -26,8 +26,8 @@ def branch_result(branch: Branch, units: Mapping[str, str] | None = None) -> Res
     `units`: of the parameters and of the numbers of the state, `state_0` and so on, by name; by default pure numbers.
 
     **Returns:** a `Result` along `point` with the parameters, by their names in the family, the numbers of the state
-    at the start of the motion, `multiplier_real` and `multiplier_imag` [1], `outside`, `stable`, `label`, and along
-    `event` the table of events.
+    at the start of the motion, on curves of grazings at the touch, `multiplier_real` and `multiplier_imag` [1], NaN
+    where an impact has no rate, `outside`, `stable`, `label`, and along `event` the table of events.
 
     **Raises:** `ValueError` for units of names that the branch does not have.
     """

@@ -1,5 +1,7 @@
 """Curves of grazings, and the folds and flips that leave them, of an oscillator whose motions are known exactly."""
 
+import dataclasses
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -185,3 +187,7 @@ def test_only_points_are_left(grazings):
     end = grazings.events[0]
     with pytest.raises(ValueError, match="`event` must be one of GRLP, GRPD, but is 'EP'"):
         analysis.leave_grazing(grazings, end, ((0.6, 2.3), (0.5, 2.0)))
+    point = next(event for event in grazings.events if event.label == "GRLP")
+    other = dataclasses.replace(grazings, equations=grazings.equations.motions)
+    with pytest.raises(ValueError, match=r"`curve` must be a curve of slipperjax\.analysis\.continue_grazing"):
+        analysis.leave_grazing(other, point, ((0.6, 2.3), (0.5, 2.0)))

@@ -3,6 +3,7 @@
 import dataclasses
 import warnings
 
+import jax
 import numpy as np
 import pytest
 
@@ -27,17 +28,22 @@ def test_compliance(ratio):
     assert np.all(errors < 0.03)
 
 
-def unstable_softness(speed):
+def unstable_springs(speed):
     """1 / stiffness [m/N] of springs under a point of 14 kg whose oscillations grow as `GROWTH` says, by residues."""
     rates = (GROWTH + 1j) * np.geomspace(100.0, 20_000.0, 2000)
-    softness = -np.array([1 / (14.0 * s**2) + compliance(s, speed) for s in rates])
-    real = np.flatnonzero(np.diff(np.signbit(softness.imag)))
-    return softness.real[real][softness.real[real] > 0]
+    springs = -np.array([1 / (14.0 * s**2) + compliance(s, speed) for s in rates])
+    real = np.flatnonzero(np.diff(np.signbit(springs.imag)))
+    return springs.real[real][springs.real[real] > 0]
 
 
 def stiffest(scene):
     """The tangent stiffness of a typical impact [N/m]."""
     return float(1.5 * scene.contact.stiffness * contact_depth(scene) ** 0.5)
+
+
+def excites(scene):
+    """Whether a scene's slippers excite themselves at its constant speed."""
+    return excites_itself(scene, scene.fastest_travel)
 
 
 @pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")
@@ -47,36 +53,66 @@ def test_criterion(ratio):
     parts = dict(track=sj.model.StraightTrack(), beam=beam(ring=256.0, shortest=0.1), speed=ratio * CRITICAL)
     scene = dataclasses.replace(sj.paper_scene(length=0.005), **parts)
     # one of two springs
-    softness = 2 * unstable_softness(ratio * CRITICAL)
+    springs = 2 * unstable_springs(ratio * CRITICAL)
     if ratio == 1.2:
-        assert not len(softness)
-        assert not excites_itself(scene.replace(stiffness=1e12))
+        assert not len(springs)
+        assert not excites(scene.replace(stiffness=1e12))
         return
     for factor in (0.8, 1.25):
         # this tangent stiffness grows with the power 0.8 of the contacts' stiffness
-        times = (factor / softness.max() / stiffest(scene)) ** 1.25
-        assert excites_itself(scene.replace(stiffness=times * scene.contact.stiffness)) == (factor > 1)
+        times = (factor / springs.max() / stiffest(scene)) ** 1.25
+        assert excites(scene.replace(stiffness=times * scene.contact.stiffness)) == (factor > 1)
+
+
+def on_soft_bed(speed, stiffness=STEEL):
+    """A slipper on the crane rail, whose waves it outruns above 605 m/s."""
+    return dataclasses.replace(sj.paper_scene(speed, stiffness=stiffness), beam=sj.Beam.crane_rail(bed=1e8))
+
+
+def warnings_of(call):
+    """The texts of warnings that slippers excite themselves."""
+    with warnings.catch_warnings(record=True) as given:
+        warnings.simplefilter("always", sj.ImplausibleWarning)
+        call()
+    return [str(one.message) for one in given if "excite" in str(one.message)]
 
 
 @pytest.mark.parametrize(("speed", "warned"), [(600.0, False), (1000.0, False), (2000.0, True)])
-def test_warning(speed, warned):
-    """Once, with the speed and the critical speed, and not below the critical speed of 605 m/s."""
-    scene = dataclasses.replace(sj.paper_scene(speed, stiffness=STEEL), beam=sj.Beam.crane_rail(bed=1e8))
-    with warnings.catch_warnings(record=True) as given:
-        warnings.simplefilter("always", sj.ImplausibleWarning)
-        sj.initial_state(scene)
-    texts = [str(one.message) for one in given if "excite" in str(one.message)]
+@pytest.mark.parametrize("inside", [False, True])
+def test_warning(speed, warned, inside):
+    """Once, with the speed and the critical speed, and not below it; also inside a program, which knows the scene."""
+    scene = on_soft_bed(speed)
+    begin = lambda v_z: sj.initial_state(scene, sj.Motion(v_z=v_z))
+    texts = warnings_of(lambda: (jax.jit(begin) if inside else begin)(0.1))
     assert len(texts) == warned
     if warned:
         assert "at 2000 m/s, 3.3 times the critical speed of their rails, 605.2 m/s" in texts[0]
 
 
-def test_warning_of_a_sweep():
-    """Of the fastest case, at the highest speed of its programme."""
-    scene = dataclasses.replace(sj.paper_scene(600.0, stiffness=STEEL), beam=sj.Beam.crane_rail(bed=1e8))
+@pytest.mark.parametrize(
+    ("grid", "warned"),
+    [
+        ({"speed": [600.0, 1200.0, 700.0]}, "at 1200 m/s"),
+        # of this stiffness slippers at 2300 m/s are stable
+        ({"speed": [1200.0, 2300.0]}, "at 1200 m/s"),
+        ({"stiffness": [1e8, STEEL]}, "at 1800 m/s"),
+        ({"speed": [600.0, 1000.0]}, None),
+    ],
+)
+def test_warning_of_a_grid(grid, warned):
+    """Of any of its cases, not only of the one that outruns the waves most."""
+    scene = on_soft_bed(1800.0, stiffness=1e9)
     options = dict(transient=0, periods=1, steps_per_period=10, record="strobe", probe=False)
-    with pytest.warns(sj.ImplausibleWarning, match="Slippers excite themselves at 2000 m/s"):
-        sj.sweep(scene, {"speed": [600.0, 2000.0, 700.0]}, **options)
-    faster = sj.SpeedProgramme.over_distance([0.0, 100.0], [600.0, 1900.0])
-    with pytest.warns(sj.ImplausibleWarning, match="Slippers excite themselves at 1900 m/s"):
-        sj.initial_state(dataclasses.replace(scene, speed=faster))
+    texts = warnings_of(lambda: sj.sweep(scene, grid, **options))
+    assert len(texts) == (warned is not None)
+    assert not texts or warned in texts[0]
+
+
+@pytest.mark.parametrize(("fastest", "warned"), [(1200.0, "at 1041 m/s"), (2300.0, "at 1057 m/s"), (1000.0, None)])
+def test_warning_of_a_programme(fastest, warned):
+    """At any of its speeds, not only at the highest."""
+    speed = sj.SpeedProgramme.over_distance([0.0, 100.0], [600.0, fastest])
+    scene = dataclasses.replace(on_soft_bed(600.0, stiffness=1e9), speed=speed)
+    texts = warnings_of(lambda: sj.initial_state(scene))
+    assert len(texts) == (warned is not None)
+    assert not texts or warned in texts[0]

@@ -132,8 +132,9 @@ def test_a_fault_on_a_survey_is_at_a_station(tmp_path):
     assert track.distance_unit == "ft"
     moved = dataclasses.replace(sj.paper_scene(), track=track).replace(**{"track.faults.0.height": 2e-3})
     assert float(moved.track.irregularity(np.array([800 * 0.3048])).vertical[0]) == pytest.approx(2e-3)
-    with pytest.raises(ValueError, match=r"sled\.toml, line 5: .*`at` must be a station in ft"):
-        scene_from_toml(text.replace("8+00", "8+0000"), str(tmp_path / "sled.toml"))
+    for wrong in ("8+0000", "8 + 00"):
+        with pytest.raises(ValueError, match=r"sled\.toml, line 5: .*`at` must be a station in ft"):
+            scene_from_toml(text.replace("8+00", wrong), str(tmp_path / "sled.toml"))
 
 
 @pytest.mark.full

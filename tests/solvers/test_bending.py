@@ -59,19 +59,29 @@ def by_volterra(stiffness, seconds, count):
     return force.max(), np.trapezoid(force, dx=step) / SLIPPER - 1.0
 
 
+FREE = dict(bending_stiffness=(STIFFNESS,) * 2, mass=MASS, bed=(1.0, 1.0))
+"""A rail with next to no bed."""
+# Errors of force and rebound by the ring's damping. Measured at most 3.4e-4 and 3.5e-4, 1.1e-3 and 4.0e-3, 5.2e-3 and
+# 1.5e-2.
+ERRORS = [
+    (FarRail(**FREE, ring=256.0, shortest=0.2), (6e-4, 6e-4)),
+    (sj.Beam(**FREE, ring=256.0, shortest=0.2), (2e-3, 6e-3)),
+    (sj.Beam(**FREE), (8e-3, 2.5e-2)),
+]
+
+
 @pytest.mark.parametrize(("stiffness", "seconds"), [(1e9, 3e-3), (1e10, 1.2e-3), (5e10, 6e-4)])
 def test_impact_against_volterra(stiffness, seconds):
     """Highest force and rebound of an impact on a free beam, by the integral equation of its impulse response."""
-    rail = FarRail((STIFFNESS,) * 2, MASS, (1.0, 1.0), ring=256.0, shortest=0.2)
-    _, run = dropped(stiffness, seconds, rail, 0.005)
     highest, rebound = by_volterra(stiffness, seconds, 2000)
-    # two points at each end
-    force = 2 * np.asarray(run.loads.peak_force).sum(axis=(0, 1)).max()
-    errors = force / highest - 1, float(run.end.motion.v_z) / rebound - 1
-    print("\nforce and rebound: errors of {:.1e} and {:.1e}".format(*errors))
-    # 1e-4 to 3.4e-4 by the ring's damping
-    assert force == pytest.approx(highest, rel=6e-4)
-    assert float(run.end.motion.v_z) == pytest.approx(rebound, rel=6e-4)
+    for rail, allowed in ERRORS:
+        _, run = dropped(stiffness, seconds, rail, 0.005)
+        # two points at each end
+        force = 2 * np.asarray(run.loads.peak_force).sum(axis=(0, 1)).max()
+        errors = np.array([force / highest - 1, float(run.end.motion.v_z) / rebound - 1])
+        name = f"{type(rail).__name__}, ring of {rail.ring:g} m"
+        print("\n{}: force and rebound have errors of {:.1e} and {:.1e}".format(name, *errors))
+        assert np.all(np.abs(errors) < allowed)
 
 
 @pytest.mark.parametrize(("stiffness", "seconds"), [(1e8, 8e-3), (5e10, 6e-4)])

@@ -71,9 +71,11 @@ def test_where_slippers_excite_themselves():
             for speed in (800.0, 1000.0, 1200.0, 1400.0, 1600.0, 1800.0, 2000.0, 2300.0):
                 few = dict(stiffness=stiffness, members=8)
                 rigid, bends = (np.median(forces(speed, one, **few)) for one in ("rigid", kind))
-                scene = sj.paper_scene(speed).replace(stiffness=stiffness)
-                star = " *" if excites_itself(dataclasses.replace(scene, beam=RAILS[kind])) else ""
+                scene = with_part(beam=RAILS[kind])(on_sled_rail(speed).scene).replace(stiffness=stiffness)
+                star = " *" if excites_itself(scene, scene.fastest_travel) else ""
                 row[f"{speed:g} m/s"] = f"{bends / rigid:.2g}{star}"
+                # measured without a warning: at most 1.6
+                assert star or bends < 2 * rigid
             rows.append(row)
             show(rows)
 
