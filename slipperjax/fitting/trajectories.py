@@ -153,13 +153,16 @@ class Trajectories(AbstractFitMethod):
             whole("window", self.window, 1)
 
     def solver(self, scene):
-        require(scene.beam is None, "scene", "have rigid rails for a fit of trajectories", scene.beam)
         # fastest to compile and to differentiate; where its steps matter, their number will grow
         return RK4()
 
     def start(self, scene):
         # as `slipperjax.run` on such rails
         return None if np.isfinite(scene.recurrence) else "rest"
+
+    def check(self, problem):
+        beam = problem.scene.beam
+        require(beam is None, "scene", "have rigid rails for a fit of trajectories", beam)
 
     def fitted(self, problem: Problem, shown: Callable[[str], object]) -> SignalPosterior:
         windows = Windows.of(problem, self.window or (None if problem.recurs else 1))
