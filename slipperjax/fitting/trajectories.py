@@ -16,7 +16,7 @@ from ..tools.columns import column
 from ..tools.limits import refuse_impossible
 from .course import SIZES, Course, Model, Windows
 from .method import AbstractFitMethod, Posterior, Problem, spread
-from .search import LOST, PATIENCE, STALLED, Chain, Found, search
+from .search import PATIENCE, STALLED, Chain, Found, search
 
 MOST_NOISE_RATIO = 1.2
 """Residual over the given noise above which a model does not explain a signal [1]."""
@@ -182,7 +182,7 @@ class Trajectories(AbstractFitMethod):
         # on a rail that does not recur, motions that differ are nowhere alike: later windows have no guess
         along, patience = (narrowed, PATIENCE) if problem.recurs else (grown, GROWN_PATIENCE)
         fit, found, kept = along(self, model, levels, noise, shown)
-        if found.cost[found.lead] >= LOST:
+        if found.all_lost:
             raise ValueError(
                 "Argument `unknowns` must have values with which the motion stays on the rail, but all starts are "
                 "lost: raise steps_per_period, check the units, or change the bounds."
@@ -206,10 +206,11 @@ class Trajectories(AbstractFitMethod):
                 if np.abs(by_instants).max() > NEGLIGIBLE_CHANGE:
                     model = model.with_samples(2 * model.samples)
             known = np.all(np.isfinite(given) | (np.abs(left / noise - 1) < 0.02))
-            if model is fit.model and known and fit.is_one_motion(found):
+            one_motion = fit.is_one_motion(found)
+            if model is fit.model and known and one_motion:
                 break
             noise = or_given(left)
-        return fit.posterior(found, kept, by_step)
+        return fit.posterior(found, kept, by_step, one_motion)
 
 
 @dataclass(frozen=True)
@@ -324,10 +325,11 @@ class Fitting:
         coarser = self.model.course(point, self.carried[index], stride=2)
         return shift(finer), shift(coarser) / 14, self.noise_left(course)
 
-    def posterior(self, found: Found, kept: np.ndarray, change: np.ndarray) -> SignalPosterior:
+    def posterior(self, found: Found, kept: np.ndarray, change: np.ndarray, one_motion: bool) -> SignalPosterior:
         """Return what is known about the parameters after the searches.
 
-        **Arguments:** `kept`: indices of the minima; `change`: by half the step [standard errors].
+        **Arguments:** `kept`: indices of the minima; `change`: by half the step [standard errors]; `one_motion`: see
+        `is_one_motion`.
         """
         model = self.model
         lead = found.lead
@@ -342,7 +344,8 @@ class Fitting:
             covariance=_covariance(local),
             # information of the data only, with unknown starts
             information=root.T @ root - np.eye(own),
-            converged=bool(found.converged[lead]),
+            # the least squares of windows that are not one motion are those of no run
+            converged=bool(found.converged[lead]) and one_motion,
             minima=found.point[kept[1:], :own],
             step_change=change,
             noise=self.noise,
@@ -389,6 +392,9 @@ def grown(
     for count in range(1, most + 1):
         tell = lambda more, count=count: shown(f"{count} of {most} windows: {more}")
         found = search(fit.rows, points, tell, rough=ROUGH, patience=GROWN_PATIENCE)
+        # lost motions have no end at which more windows could begin
+        if found.all_lost:
+            break
         # the least squares of a part need not lead to those of the whole
         kept = np.argsort(found.cost)[:REFINED_STARTS]
         if count < most:

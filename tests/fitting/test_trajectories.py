@@ -1,6 +1,7 @@
 """Fits of trajectories: what was put in comes out, with intervals, and what does not fit is said."""
 
 import dataclasses
+import itertools
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -13,6 +14,7 @@ from slipperjax.fitting.fit import not_identified
 from slipperjax.fitting.trajectories import whiteness
 from slipperjax.tools import limits
 
+from .linear import NOISE, STIFFNESS, linear_model, linear_record
 from .records import record
 
 TRUTH = sj.paper_scene(1250.0)
@@ -145,6 +147,42 @@ def test_windows_of_a_record_are_one_motion(noisy):
     assert found.posterior.windows.count == 2
     for name, error in found.stderr.items():
         assert abs(found.estimate[name] - float(TRUTH.value(name))) < 3 * error
+
+
+ROUGH = dataclasses.replace(sj.paper_scene(300.0), track=sj.RandomTrack.sled(length=200.0), gravity=9.81)
+"""A scene on a rail that does not recur."""
+
+
+def linear_fit(**how):
+    sensor = sj.model.Sensor("az", noise=NOISE)
+    return fit(ROUGH.replace(stiffness=3e7), linear_record(ROUGH), {"stiffness": (1e7, 1e9)}, [sensor], **how)
+
+
+def test_windows_that_are_not_one_motion_have_not_converged(monkeypatch):
+    linear_model(monkeypatch)
+    found = linear_fit()
+    assert found.posterior.windows.count == 3
+    assert found.status == "converged"
+    # 0.4 standard errors
+    assert abs(found.estimate["stiffness"] - STIFFNESS) < 3 * found.stderr["stiffness"]
+    # the memory at the end of windows is another one in each call
+    drift = itertools.count()
+    linear_model(monkeypatch, last=lambda: 0.1 * next(drift))
+    found = linear_fit()
+    assert found.status == "not converged"
+
+
+def test_a_record_is_not_followed_after_all_starts_are_lost(monkeypatch):
+    lost = pytest.raises(ValueError, match="all starts are lost")
+    calls = linear_model(monkeypatch, first=np.nan)
+    with lost:
+        linear_fit()
+    # first guesses, and the first points of a search
+    assert calls == [1, 1]
+    calls = linear_model(monkeypatch, last=lambda: np.nan)
+    with lost:
+        linear_fit()
+    assert max(calls) == 2
 
 
 def test_bad_input_is_refused_before_anything_is_compiled(monkeypatch):
