@@ -120,8 +120,8 @@ class Fit(AbstractResult):
         return at_values(self.problem.rig, names, np.array([found[name] for name in names])).sensors
 
     @property
-    def start(self) -> Motion:
-        """The motion with which the first run begins."""
+    def start(self) -> Motion | State:
+        """The motion or state with which the first run begins."""
         return self.posterior.start
 
     def _by_name(self, levels: np.ndarray) -> dict[str, float]:

@@ -8,7 +8,6 @@ from jaxtyping import Float
 from scipy.stats import chi2
 
 from ..flow.record import Labelled
-from ..model.kinematics import Motion
 from ..model.sensors import Rig
 from ..solvers.explicit import RK4
 from ..tools.checks import require, whole
@@ -118,8 +117,8 @@ REFINED_STARTS = 4
 DRAWS = 15
 """Number of likely parameters whose signals are kept; with the estimate, two batches."""
 GROWN_PATIENCE = 10
-"""Points without any gain after which a search along a growing part of a record stops: too long steps become
-a thousandth, because a small part shows little of some unknowns, which then move far."""
+"""Points without any gain after which a search along a growing part of a record stops. A short part shows little of
+some unknowns, so that first steps are too long; ten points shorten them to a thousandth."""
 ROUNDS = 6
 """Most searches; after each search the noise is estimated again, or the step is halved."""
 NEGLIGIBLE_CHANGE = 0.2
@@ -141,8 +140,8 @@ class Trajectories(AbstractFitMethod):
     starts: int = 16
     """Number of simultaneous searches, from those points of a cover of the priors that fit the record best."""
     window: int | None = None
-    """Forcing periods after which a motion begins again at the end of the last (multiple shooting). None: never, but
-    on rails that do not recur after each."""
+    """Forcing periods after which a motion begins again at the end of the last (multiple shooting). None: the motion
+    never begins again; on rails that do not recur it begins again after each period."""
     transient: int = 100
     """Forcing periods after which a motion serves as a first guess."""
 
@@ -352,7 +351,7 @@ class Fitting:
             windows=model.windows,
             reading=likely[0],
             draws=likely[1:],
-            start=Motion(*(model.split(point[None])[1][0, 0] * SIZES)),
+            start=model.start(model.split(point[None])[1][0, 0], self.carried[lead, 0]),
         )
 
 
