@@ -211,8 +211,8 @@ def test_how_long_a_record_on_such_a_rail_may_be():
     assert found.status == "converged"
     # 0.5 and 0.7 standard errors
     assert max(away(found)) < 4
-    # "not converged" with the distance 0.52, but within 0.02 %; from 16 starts 10 and 2 % beside the truth; guesses are
-    # 70 and 33 % beside it
+    # "not converged" with the distance 0.52, but within 0.02 %; from 16 starts 10 and 2 % beside the truth;
+    # the guesses are 70 and 33 % beside it
     for name, value in rough_fit(20).estimate.items():
         np.testing.assert_allclose(value, float(ROUGH.value(name)), rtol=0.2)
 
