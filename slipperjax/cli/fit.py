@@ -43,7 +43,12 @@ from .options import (
     default="trajectories",
 )
 @option("--starts", COUNT, "With trajectories: number of simultaneous searches.", default=16)
-@option("--window", COUNT, "With trajectories: forcing periods after which a motion begins again; default: never.")
+@option(
+    "--window",
+    COUNT,
+    "With trajectories: forcing periods after which a motion begins again; default: never, "
+    "or 1 on rails that do not recur.",
+)
 @option(
     "--confidence",
     click.FloatRange(0.0, 1.0, True, True),

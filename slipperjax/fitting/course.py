@@ -264,6 +264,11 @@ class Model:
         return replace(self, samples=samples).with_steps(self.steps)
 
     @property
+    def centred(self) -> Motion:
+        """A motion that has the parts of the problem's start, and no other numbers."""
+        return Motion(payload=self.problem.motion.payload, modes=self.problem.motion.modes)
+
+    @property
     def epoch(self) -> Float[np.ndarray, " windows"]:
         """Forcing periods from distance zero to the beginning of the model's run of each window."""
         return self.problem.origin - self.problem.lead + self.windows.lag
@@ -307,8 +312,7 @@ class Model:
         grid |= {name: np.repeat(values[:, k], windows.count) for k, name in enumerate(problem.names)}
         # a grid needs at least one list
         grid |= {"start_y": np.full(total, float(problem.motion.y))}
-        motion = Motion(payload=problem.motion.payload, modes=problem.motion.modes)
-        cases = Cases(problem.scene, grid, problem.start if numbers is None else motion, product=False)
+        cases = Cases(problem.scene, grid, problem.start if numbers is None else self.centred, product=False)
         if numbers is not None:
             values_of_starts = (numbers.reshape(total, -1) * SIZES).T
             cases.starts = replace(cases.starts, **dict(zip(MOTION_NUMBERS, values_of_starts, strict=True)))
@@ -379,6 +383,14 @@ class Model:
     def carried(rows: Float[np.ndarray, "starts windows size"]) -> Float[np.ndarray, "starts windows size"]:
         """Return states without their motions, which are unknown, as `course` takes them."""
         return np.concatenate([np.full_like(rows[..., : len(SIZES)], np.nan), rows[..., len(SIZES) :]], axis=-1)
+
+    def start(self, numbers: Float[np.ndarray, "10"], carried: Float[np.ndarray, " size"]) -> Motion | State:
+        """Return the start of a run that begins with some numbers [scales] and some `carried` ones, see `begin`."""
+        motion = numbers * SIZES
+        if np.isnan(carried).all():
+            # closed contacts begin there
+            return replace(self.centred, **dict(zip(MOTION_NUMBERS, motion, strict=True)))
+        return StateLayout.of(self.problem.scene).unpack(np.append(motion, carried[len(SIZES) :]))
 
     def begun(self, levels: Float[np.ndarray, "starts parameters"]) -> Float[np.ndarray, "starts windows size"]:
         """Return the states of the problem's start at the beginning of windows."""

@@ -120,8 +120,8 @@ class Fit(AbstractResult):
         return at_values(self.problem.rig, names, np.array([found[name] for name in names])).sensors
 
     @property
-    def start(self) -> Motion:
-        """The motion with which the first run begins."""
+    def start(self) -> Motion | State:
+        """The motion or state with which the first run begins."""
         return self.posterior.start
 
     def _by_name(self, levels: np.ndarray) -> dict[str, float]:
@@ -293,12 +293,12 @@ def fit(
         start=first,
         seed=whole("seed", seed, 0),
     )
+    method.check(problem)
     periods = Windows.of(problem).periods
     check_rail(scene, periods, origin)
     # at each instant, channels of some runs along all directions; a wrong unit of times would make these too many
     steps = problem.steps or problem.needed(problem.own)
     refuse_periods(periods, steps, CHANNELS * steps * periods * (len(problem.unknowns) + len(SIZES)))
-    method.check(problem)
     told = TOLD.set(set() if TOLD.get() is None else TOLD.get())  # each kind of warning once, not at each point
     try:
         with progress_bar(progress, programs=3, bar_format="{desc} {elapsed}") as bar:

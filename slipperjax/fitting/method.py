@@ -199,8 +199,9 @@ class Posterior(abc.ABC):
     """Other minima that are about as likely."""
     step_change: Float[np.ndarray, " parameters"]
     """Change by half the step [standard errors]; NaN where it is not known."""
-    start: Motion
-    """Motion with which the model's first run begins, `Problem.lead` periods before the record."""
+    start: Motion | State
+    """Start of the model's first run, `Problem.lead` periods before the record; a state where its contacts have the
+    memory of the problem's start."""
 
     def ends(self, confidence: float) -> Float[np.ndarray, "2 parameters"]:
         """Return the levels between which each parameter is with some probability."""

@@ -211,6 +211,11 @@ class Found:
         return int(np.argmin(self.cost))
 
     @property
+    def all_lost(self) -> bool:
+        """Whether the motions of all searches are lost."""
+        return bool(self.cost[self.lead] >= LOST)
+
+    @property
     def of_lead(self) -> Chain:
         """Residuals and slopes of the best search."""
         return self.local.at(np.array([self.lead]))

@@ -8,7 +8,6 @@ from jaxtyping import Float
 from scipy.stats import chi2
 
 from ..flow.record import Labelled
-from ..model.kinematics import Motion
 from ..model.sensors import Rig
 from ..solvers.explicit import RK4
 from ..tools.checks import require, whole
@@ -16,7 +15,7 @@ from ..tools.columns import column
 from ..tools.limits import refuse_impossible
 from .course import SIZES, Course, Model, Windows
 from .method import AbstractFitMethod, Posterior, Problem, spread
-from .search import LOST, PATIENCE, STALLED, Chain, Found, search
+from .search import PATIENCE, STALLED, Chain, Found, search
 
 MOST_NOISE_RATIO = 1.2
 """Residual over the given noise above which a model does not explain a signal [1]."""
@@ -118,8 +117,8 @@ REFINED_STARTS = 4
 DRAWS = 15
 """Number of likely parameters whose signals are kept; with the estimate, two batches."""
 GROWN_PATIENCE = 10
-"""Points without any gain after which a search along a growing part of a record stops: too long steps become
-a thousandth, because a small part shows little of some unknowns, which then move far."""
+"""Points without any gain after which a search along a growing part of a record stops. A short part shows little of
+some unknowns, so that first steps are too long; ten points shorten them to a thousandth."""
 ROUNDS = 6
 """Most searches; after each search the noise is estimated again, or the step is halved."""
 NEGLIGIBLE_CHANGE = 0.2
@@ -141,8 +140,8 @@ class Trajectories(AbstractFitMethod):
     starts: int = 16
     """Number of simultaneous searches, from those points of a cover of the priors that fit the record best."""
     window: int | None = None
-    """Forcing periods after which a motion begins again at the end of the last (multiple shooting). None: never, but
-    on rails that do not recur after each."""
+    """Forcing periods after which a motion begins again at the end of the last (multiple shooting). None: the motion
+    never begins again; on rails that do not recur it begins again after each period."""
     transient: int = 100
     """Forcing periods after which a motion serves as a first guess."""
 
@@ -153,13 +152,16 @@ class Trajectories(AbstractFitMethod):
             whole("window", self.window, 1)
 
     def solver(self, scene):
-        require(scene.beam is None, "scene", "have rigid rails for a fit of trajectories", scene.beam)
         # fastest to compile and to differentiate; where its steps matter, their number will grow
         return RK4()
 
     def start(self, scene):
         # as `slipperjax.run` on such rails
         return None if np.isfinite(scene.recurrence) else "rest"
+
+    def check(self, problem):
+        beam = problem.scene.beam
+        require(beam is None, "scene", "have rigid rails for a fit of trajectories", beam)
 
     def fitted(self, problem: Problem, shown: Callable[[str], object]) -> SignalPosterior:
         windows = Windows.of(problem, self.window or (None if problem.recurs else 1))
@@ -179,7 +181,7 @@ class Trajectories(AbstractFitMethod):
         # on a rail that does not recur, motions that differ are nowhere alike: later windows have no guess
         along, patience = (narrowed, PATIENCE) if problem.recurs else (grown, GROWN_PATIENCE)
         fit, found, kept = along(self, model, levels, noise, shown)
-        if found.cost[found.lead] >= LOST:
+        if found.all_lost:
             raise ValueError(
                 "Argument `unknowns` must have values with which the motion stays on the rail, but all starts are "
                 "lost: raise steps_per_period, check the units, or change the bounds."
@@ -203,10 +205,11 @@ class Trajectories(AbstractFitMethod):
                 if np.abs(by_instants).max() > NEGLIGIBLE_CHANGE:
                     model = model.with_samples(2 * model.samples)
             known = np.all(np.isfinite(given) | (np.abs(left / noise - 1) < 0.02))
-            if model is fit.model and known and fit.is_one_motion(found):
+            one_motion = fit.is_one_motion(found)
+            if model is fit.model and known and one_motion:
                 break
             noise = or_given(left)
-        return fit.posterior(found, kept, by_step)
+        return fit.posterior(found, kept, by_step, one_motion)
 
 
 @dataclass(frozen=True)
@@ -321,10 +324,11 @@ class Fitting:
         coarser = self.model.course(point, self.carried[index], stride=2)
         return shift(finer), shift(coarser) / 14, self.noise_left(course)
 
-    def posterior(self, found: Found, kept: np.ndarray, change: np.ndarray) -> SignalPosterior:
+    def posterior(self, found: Found, kept: np.ndarray, change: np.ndarray, one_motion: bool) -> SignalPosterior:
         """Return what is known about the parameters after the searches.
 
-        **Arguments:** `kept`: indices of the minima; `change`: by half the step [standard errors].
+        **Arguments:** `kept`: indices of the minima; `change`: by half the step [standard errors]; `one_motion`: see
+        `is_one_motion`.
         """
         model = self.model
         lead = found.lead
@@ -339,14 +343,15 @@ class Fitting:
             covariance=_covariance(local),
             # information of the data only, with unknown starts
             information=root.T @ root - np.eye(own),
-            converged=bool(found.converged[lead]),
+            # the least squares of windows that are not one motion are those of no run
+            converged=bool(found.converged[lead]) and one_motion,
             minima=found.point[kept[1:], :own],
             step_change=change,
             noise=self.noise,
             windows=model.windows,
             reading=likely[0],
             draws=likely[1:],
-            start=Motion(*(model.split(point[None])[1][0, 0] * SIZES)),
+            start=model.start(model.split(point[None])[1][0, 0], self.carried[lead, 0]),
         )
 
 
@@ -386,6 +391,9 @@ def grown(
     for count in range(1, most + 1):
         tell = lambda more, count=count: shown(f"{count} of {most} windows: {more}")
         found = search(fit.rows, points, tell, rough=ROUGH, patience=GROWN_PATIENCE)
+        # lost motions have no end at which more windows could begin
+        if found.all_lost:
+            break
         # the least squares of a part need not lead to those of the whole
         kept = np.argsort(found.cost)[:REFINED_STARTS]
         if count < most:

@@ -1,8 +1,13 @@
 """The command that finds parameters from measured signals."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
+import slipperjax as sj
+
+from ..fitting.linear import linear_model, linear_record
 from ..fitting.records import record
 from ..fitting.test_trajectories import SENSORS, TRUTH
 from .commands import call, dataset, error_of, names
@@ -40,12 +45,25 @@ def test_a_record_tells_the_parameters_of_a_scene(files, tmp_path, capsys):
     out = tmp_path / "found"
     text, _ = call([*files, *bounds, "--starts", 4, "--out", out], capsys)
     assert "status: converged\n90 % intervals:\n" in text
-    assert "speed 1250 m/s, length 0.2 m" in text
+    assert "speed 1250 m/s, length 0.2 m, from Table 2's start" in text
     assert {"found.nc", "found.png"} <= set(names(tmp_path))
     ds = dataset(out)
     error = ds["stderr"].values
     # 0.2 to 1.3 standard errors
     assert np.all(np.abs(ds["estimate"].values - [1e8, 0.9, 1e-3]) < 3 * error)
+
+
+def test_on_a_rail_that_does_not_recur_it_says_that_runs_begin_at_rest(tmp_path, capsys, monkeypatch):
+    linear_model(monkeypatch)
+    track = sj.RandomTrack.sled(length=200.0)
+    rough = dataclasses.replace(sj.paper_scene(300.0), track=track, gravity=9.81)
+    scene, measured = tmp_path / "sled.toml", tmp_path / "measured.nc"
+    scene.write_text(rough.to_toml() + "\n[sensors.az]\n")
+    linear_record(rough).to_netcdf(measured, engine="h5netcdf")
+    bounds = ["--fit", "stiffness", 1e7, 1e9, "--starts", 2]
+    text, _ = call(["fit", scene, measured, *bounds, "--out", tmp_path / "found"], capsys)
+    assert "status: converged" in text
+    assert "length 0.2 m, from rest on the rail\n" in text
 
 
 @pytest.mark.full

@@ -97,3 +97,20 @@ def test_a_run_that_begins_at_rest_rests_on_the_rail(clean):
     # half a millimetre of play below the middle
     assert rest[1] < -4e-4
     np.testing.assert_allclose(begun, rest, rtol=1e-9, atol=1e-12)
+
+
+def test_a_start_has_the_parts_and_the_memory_with_which_its_run_begins(clean):
+    payload = sj.model.Payload(mass=4.0, stiffness=[1e6, 1e6])
+    scene = dataclasses.replace(SCENE, payload=payload)
+    state = sj.initial_state(scene, sj.Motion(z=-6e-4, v_z=0.2, payload=sj.model.PayloadMotion(z=-7e-4, v_y=0.1)))
+    problem = dataclasses.replace(problem_of(clean), scene=scene, start=state)
+    model = Model.of(problem, Windows.of(problem))
+    row = StateLayout.pack(state)
+    # of closed contacts
+    assert row[-scene.points :].any()
+    known = model.carried(row[None, None])[0, 0]
+    numbers = 2 * row[:10] / SIZES
+    np.testing.assert_allclose(StateLayout.pack(model.start(numbers, known)), [*2 * row[:10], *row[10:]], rtol=1e-14)
+    # where closed contacts begin anew
+    motion = model.start(numbers, np.full_like(row, np.nan))
+    np.testing.assert_allclose(StateLayout.pack(sj.State(motion, None)), [*2 * row[:10], *row[10:14]], rtol=1e-14)
