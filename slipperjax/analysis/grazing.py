@@ -147,7 +147,8 @@ class LeavingSearch(OneTouch):
 
     def between(self, a: Node, b: Node) -> list[Event]:
         chord = (b.z - a.z) * a.weights**2
-        share = lambda event: chord @ (event.node.z - a.z) / (chord @ (b.z - a.z))
+        # the points of both curves may be one, apart from rounding: then they keep the order of their labels
+        share = lambda event: round(float(chord @ (event.node.z - a.z) / (chord @ (b.z - a.z))), 6)
         found = [event for label in LEAVING if (event := self.leaving(label, a, b)) is not None]
         # Newton's method may end at a point of another step
         return sorted((event for event in found if 0 <= share(event) <= 1), key=share)
