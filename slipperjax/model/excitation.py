@@ -18,8 +18,9 @@ from ..tools.compile import jit
 from ..tools.tracing import is_traced
 from .beam import Beam
 from .kinematics import contact_points, nodes_on_rails
-from .scene import Scene, Travel
+from .scene import Scene
 from .step_size import contact_depth
+from .travel import Travel
 
 GROWTH = 0.05
 """Least growth rate over circular frequency with which slippers excite themselves [1]. Contacts take the energy of
@@ -70,11 +71,10 @@ def warn_of_excitation(scene: Scene) -> bool:
     if scene.beam is None or is_traced(scene):
         return False
     with jax.ensure_compile_time_eval():  # all numbers are known, even where this is a part of a program
-        ratio = float(speed_ratio(scene))
-        if ratio <= 1:
-            return False
+        critical = float(jnp.min(scene.beam.critical_speed))
         slowest, fastest = float(scene.slowest_travel.speed), float(scene.fastest_travel.speed)
-        critical = fastest / ratio
+        if fastest <= critical:
+            return False
         for speed in np.unique(np.linspace(max(slowest, critical), fastest, SPEEDS)):
             if excites_itself(scene, Travel(jnp.asarray(speed), scene.wavelength)):
                 warn(
