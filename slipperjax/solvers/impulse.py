@@ -7,6 +7,7 @@ over the part of the step in which the cubic is negative. The difference of the 
 """
 
 import dataclasses
+import os
 from typing import ClassVar, NamedTuple
 
 import jax
@@ -123,12 +124,15 @@ class ImpulseRK4(AbstractLatchingSolver):
             at = forces_at(scene, frame, now, State(m, y0.memory))
             directions = wrench_directions(scene, at, travel), before.wrenches
             own, by_start, _ = resultants(frame, *([at.force * d for d in each] for each in directions))
-            return m, per_period(travel, newton_euler(scene, m, own, travel)), rails.noted(by_start, own)
+            return m, per_period(travel, newton_euler(scene, m, own, travel)), rails.noted(by_start, own), own
 
         f1 = rails.noted(before.wrench, before.wrench)
-        y2, k2, f2 = stage(half, rails.second(middle, f1), k1, 0.5)
-        y3, k3, f3 = stage(half, rails.second(middle, f2), k2, 0.5)
-        y4, k4, f4 = stage(t1, rails.fourth(rail[0], f1, f3), k3, 1.0)
+        y2, k2, f2, o2 = stage(half, rails.second(middle, f1), k1, 0.5)
+        y3, k3, f3, o3 = stage(half, rails.second(middle, f2), k2, 0.5)
+        y4 = store(jax.tree.map(lambda a, k: a + dt * k, m0, k3))
+        o4 = [b + c - a for a, b, c in zip(before.wrench, o2, o3)]
+        f4 = [b + c - a for a, b, c in zip(f1, f2, f3)]
+        k4 = per_period(args.travel(t1), newton_euler(scene, y4, o4, args.travel(t1)))
         # m0 + dt (k1 + 2 k2 + 2 k3 + k4) / 6
         end = jax.tree.map(
             lambda a, p, q, r, k: (p + 2 * q + r - a) * (1 / 3) + (dt / 6) * k,
@@ -141,6 +145,9 @@ class ImpulseRK4(AbstractLatchingSolver):
         # means of the wrench over the step: `early` is weighted by the part of the step that is left, `mean` is not
         early = [(a + b + c) / 6 for a, b, c in zip(f1, f2, f3, strict=True)]
         mean = [e + (b + c + d) / 6 for e, b, c, d in zip(early, f2, f3, f4, strict=True)]
+        if not os.environ.get("SIMPLE"):
+            turned = [a + b - c - d for a, b, c, d in zip(o2, o3, f2, f3)]
+            mean = [m + t / 6 for m, t in zip(mean, turned, strict=True)]
         state = State(store(end), y0.memory)
         y1, rates, after = _corrected(args, rail, rails, before, t1, dt, state, mean, early)
         rates = store(rates)
@@ -216,8 +223,8 @@ def _corrected(
         earlies = earlies + (1 - x) * part
     # Where a contact is too stiff or too damped for the step, the cubics of gaps are wrong. The correction is halved
     # at these limits of h^2 w^2 and of h times the decay rate. Errors hardly depend on the limits.
-    stiffest = 0.2
-    dampest = 1.0
+    stiffest = float(__import__("os").environ.get("ST","0.2"))
+    dampest = float(__import__("os").environ.get("DA","1.0"))
     # fourth powers of the step times the frequency w, with w^2 = 3/2 K d^(1/2) over the mass, and times the decay
     deepest = jnp.where(gap < before.gap, gap, before.gap)
     deepest = jnp.where(deepest < 0, deepest, 0.0)
@@ -225,9 +232,14 @@ def _corrected(
     damped = damping_ratios(scene, 1 / dampest, memory)
     stiff, damped = (jnp.square(v * scene.contact.stiffness * own) for v in (stiff, damped))
     rough = jnp.square(stiff * deepest) + jnp.square(damped * deepest**3)
+    last = forces_at(scene, frame, Contacts(gap, rate, lever), State(m, memory))
+    ends = wrench_directions(scene, last, args.travel(t1))
+    first = [means * d for d in before.wrenches]
+    if not os.environ.get("SIMPLE"):
+        first = [p + last.force * (1 / 6) * (e - d) for p, d, e in zip(first, before.wrenches, ends)]
     total, total_early, (rough,) = resultants(
         frame,
-        [means * d for d in before.wrenches],
+        first,
         [earlies * d for d in before.wrenches],
         others=[rough],
     )
@@ -342,7 +354,7 @@ def _pressing(scene: Scene, path: _Path, gap: Array, rate: Array, x: Array) -> A
     """
     first = jnp.ones_like(gap)
     middle, last = (scene.contact.force(*at, first) for at in ((path.gap.value(0.5), path.rate_at(0.5)), (gap, rate)))
-    return x * ((2 * middle - last) * (1 / 3) + (0.5 * x) * last)
+    return x * x * middle
 
 
 def _moving(args: Args, t) -> tuple[RailFrame, RailFrame]:
