@@ -49,6 +49,7 @@ from .latching import AbstractLatchingSolver, dense_info, field_of
 
 NODES_THROUGH = (0.5 - 0.5 / np.sqrt(3.0), 0.5 + 0.5 / np.sqrt(3.0))
 """Gauss's nodes, of equal weights, where a force acts in the whole step, or where its damping ends or begins it."""
+NODE = (0.4 - 1 / 7) / (5 / 9) ** 1.5
 NODES_CROSSING = ((0.40746008687889573, 0.5), (0.8620943387027721, 0.33725413294672596))
 """Nodes and weights where a gap closes or opens: exact for powers 1.5, 2.5 and 3.5 of the distance from there."""
 
@@ -68,6 +69,7 @@ class Ends(NamedTuple):
     rate: Array  # Eq. (8)'s rate of the gap [m/s]
     turning: Array  # the gap's true rate minus Eq. (8)'s rate: the part from the rotation of the normals [m/s]
     wrenches: tuple[Array, ...]  # `wrench_directions` of a unit normal force
+    force: Array
     wrench: list[Array]  # wrench of all contacts together, see `resultants`
 
 
@@ -212,15 +214,13 @@ def _corrected(
         at = jnp.where(touches & (at < slowest), at, slowest)
         memory = store_if_differentiated(jnp.where(touches, 1 / at, memory))
 
-    # like `mean` and `early`, but for each contact
-    means = earlies = 0.0
-    # two nodes of the part of the step in which the force acts
-    for through, (crossing, weight) in zip(NODES_THROUGH, NODES_CROSSING, strict=True):
-        x = store_cotangent(place + length * jnp.where(bends, crossing, through))
-        force = contact_forces(scene, Contacts(path.gap.value(x), path.rate_at(x), lever), memory)
-        part = store_cotangent(jnp.abs(length) * jnp.where(bends, weight, 0.5) * force)
-        means = means + part
-        earlies = earlies + (1 - x) * part
+    last = forces_at(scene, frame, Contacts(gap, rate, lever), State(m, memory))
+    x = store_cotangent(place + length * jnp.where(bends, 5 / 9, 0.5))
+    force = contact_forces(scene, Contacts(path.gap.value(x), path.rate_at(x), lever), memory)
+    part = store_cotangent(jnp.abs(length) * jnp.where(bends, NODE, 2 / 3) * force)
+    at_ends = jnp.abs(length) * jnp.where(bends, 1 / 7, 1 / 6)
+    means = part + at_ends * (before.force + last.force)
+    earlies = (1 - x) * part + at_ends * before.force
     # Where a contact is too stiff or too damped for the step, the cubics of gaps are wrong. The correction is halved
     # at these limits of h^2 w^2 and of h times the decay rate. Errors hardly depend on the limits.
     stiffest = float(__import__("os").environ.get("ST","0.2"))
@@ -232,7 +232,6 @@ def _corrected(
     damped = damping_ratios(scene, 1 / dampest, memory)
     stiff, damped = (jnp.square(v * scene.contact.stiffness * own) for v in (stiff, damped))
     rough = jnp.square(stiff * deepest) + jnp.square(damped * deepest**3)
-    last = forces_at(scene, frame, Contacts(gap, rate, lever), State(m, memory))
     ends = wrench_directions(scene, last, args.travel(t1))
     first = [means * d for d in before.wrenches]
     if not os.environ.get("SIMPLE"):
@@ -287,7 +286,7 @@ def _ended(
     own = wrench_directions(scene, at, travel)
     wrench, _ = resultants(frame, [at.force * w for w in own])
     rates = per_period(travel, newton_euler(scene, state.motion, wrench, travel))
-    return rates, Ends(now.gap, now.rate, turning, own, wrench)
+    return rates, Ends(now.gap, now.rate, turning, own, at.force, wrench)
 
 
 class _Path(NamedTuple):
