@@ -13,7 +13,7 @@ Wrench = list[Array]
 class RigidRails:
     """Rigid rails, which change nothing."""
 
-    def second(self, frame: RailFrame, wrench: Wrench) -> RailFrame:
+    def halfway(self, frame: RailFrame, wrench: Wrench) -> RailFrame:
         """Return the frame in the middle of the step, after the forces of an earlier stage."""
         return frame
 
@@ -51,10 +51,10 @@ class BendingRails(RigidRails):
     def __init__(self, step: RailStep, start: RailState):
         self.step = step
         self.free = step.free(start.waves)
-        self.halfway = step.halfway(start, self.free)
+        self.middle = step.halfway(start, self.free)
 
-    def second(self, frame, wrench):
-        return bent(frame, pressed(self.halfway, (self.step.half, wrench[-1])))
+    def halfway(self, frame, wrench):
+        return bent(frame, pressed(self.middle, (self.step.half, wrench[-1])))
 
     def fourth(self, frame, first, third):
         later = 2 * (third[-1] - first[-1])

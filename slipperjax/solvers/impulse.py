@@ -7,7 +7,6 @@ over the part of the step in which the cubic is negative. The difference of the 
 """
 
 import dataclasses
-import os
 from typing import ClassVar, NamedTuple
 
 import jax
@@ -47,11 +46,7 @@ from ..tools.hermite import Cubic, sign_change
 from .bending import RigidRails, rails_in_step
 from .latching import AbstractLatchingSolver, dense_info, field_of
 
-NODES_THROUGH = (0.5 - 0.5 / np.sqrt(3.0), 0.5 + 0.5 / np.sqrt(3.0))
-"""Gauss's nodes, of equal weights, where a force acts in the whole step, or where its damping ends or begins it."""
 NODE = (0.4 - 1 / 7) / (5 / 9) ** 1.5
-NODES_CROSSING = ((0.40746008687889573, 0.5), (0.8620943387027721, 0.33725413294672596))
-"""Nodes and weights where a gap closes or opens: exact for powers 1.5, 2.5 and 3.5 of the distance from there."""
 
 
 def knows_contacts(scene: Scene) -> bool:
@@ -69,7 +64,7 @@ class Ends(NamedTuple):
     rate: Array  # Eq. (8)'s rate of the gap [m/s]
     turning: Array  # the gap's true rate minus Eq. (8)'s rate: the part from the rotation of the normals [m/s]
     wrenches: tuple[Array, ...]  # `wrench_directions` of a unit normal force
-    force: Array
+    force: Array  # [N]
     wrench: list[Array]  # wrench of all contacts together, see `resultants`
 
 
@@ -118,23 +113,24 @@ class ImpulseRK4(AbstractLatchingSolver):
         rail = _moving(args, t1)
         rails = rails_in_step(args, half, dt, y0.rail)
 
-        def stage(t, frame, rates, share):
-            """Return a stage's motion, its derivative, and the wrench of its forces along the start's directions."""
-            travel = args.travel(t)
-            m = store(jax.tree.map(lambda a, k: a + share * dt * k, m0, rates))
-            now = contacts(frame, m)
-            at = forces_at(scene, frame, now, State(m, y0.memory))
+        def stage(frame, rates):
+            """Return the motion in the middle of the step by some rates, its derivative, and the wrench of its forces
+            along their own directions and along the start's."""
+            travel = args.travel(half)
+            m = store(jax.tree.map(lambda a, k: a + 0.5 * dt * k, m0, rates))
+            at = forces_at(scene, frame, contacts(frame, m), State(m, y0.memory))
             directions = wrench_directions(scene, at, travel), before.wrenches
             own, by_start, _ = resultants(frame, *([at.force * d for d in each] for each in directions))
-            return m, per_period(travel, newton_euler(scene, m, own, travel)), rails.noted(by_start, own), own
+            return m, per_period(travel, newton_euler(scene, m, own, travel)), own, rails.noted(by_start, own)
 
         f1 = rails.noted(before.wrench, before.wrench)
-        y2, k2, f2, o2 = stage(half, rails.second(middle, f1), k1, 0.5)
-        y3, k3, f3, o3 = stage(half, rails.second(middle, f2), k2, 0.5)
+        y2, k2, own2, f2 = stage(rails.halfway(middle, f1), k1)
+        y3, k3, own3, f3 = stage(rails.halfway(middle, f2), k2)
+        # the contacts' wrench at the end, by a line through the start and the middle
+        own4 = [b + c - a for a, b, c in zip(before.wrench, own2, own3, strict=True)]
+        travel = args.travel(t1)
         y4 = store(jax.tree.map(lambda a, k: a + dt * k, m0, k3))
-        o4 = [b + c - a for a, b, c in zip(before.wrench, o2, o3)]
-        f4 = [b + c - a for a, b, c in zip(f1, f2, f3)]
-        k4 = per_period(args.travel(t1), newton_euler(scene, y4, o4, args.travel(t1)))
+        k4 = per_period(travel, newton_euler(scene, y4, own4, travel))
         # m0 + dt (k1 + 2 k2 + 2 k3 + k4) / 6
         end = jax.tree.map(
             lambda a, p, q, r, k: (p + 2 * q + r - a) * (1 / 3) + (dt / 6) * k,
@@ -146,10 +142,9 @@ class ImpulseRK4(AbstractLatchingSolver):
         )
         # means of the wrench over the step: `early` is weighted by the part of the step that is left, `mean` is not
         early = [(a + b + c) / 6 for a, b, c in zip(f1, f2, f3, strict=True)]
-        mean = [e + (b + c + d) / 6 for e, b, c, d in zip(early, f2, f3, f4, strict=True)]
-        if not os.environ.get("SIMPLE"):
-            turned = [a + b - c - d for a, b, c, d in zip(o2, o3, f2, f3)]
-            mean = [m + t / 6 for m, t in zip(mean, turned, strict=True)]
+        mean = [(b + c) / 2 for b, c in zip(f2, f3, strict=True)]
+        turned = [(a + b - c - d) / 6 for a, b, c, d in zip(own2, own3, f2, f3)]
+        mean = [m + t for m, t in zip(mean, turned, strict=True)]
         state = State(store(end), y0.memory)
         y1, rates, after = _corrected(args, rail, rails, before, t1, dt, state, mean, early)
         rates = store(rates)
@@ -217,36 +212,22 @@ def _corrected(
     last = forces_at(scene, frame, Contacts(gap, rate, lever), State(m, memory))
     x = store_cotangent(place + length * jnp.where(bends, 5 / 9, 0.5))
     force = contact_forces(scene, Contacts(path.gap.value(x), path.rate_at(x), lever), memory)
-    part = store_cotangent(jnp.abs(length) * jnp.where(bends, NODE, 2 / 3) * force)
-    at_ends = jnp.abs(length) * jnp.where(bends, 1 / 7, 1 / 6)
+    acts = jnp.abs(length)
+    part = store_cotangent(acts * jnp.where(bends, NODE, 2 / 3) * force)
+    at_ends = acts * jnp.where(bends, 1 / 7, 1 / 6)
     means = part + at_ends * (before.force + last.force)
     earlies = (1 - x) * part + at_ends * before.force
-    # Where a contact is too stiff or too damped for the step, the cubics of gaps are wrong. The correction is halved
-    # at these limits of h^2 w^2 and of h times the decay rate. Errors hardly depend on the limits.
-    stiffest = float(__import__("os").environ.get("ST","0.2"))
-    dampest = float(__import__("os").environ.get("DA","1.0"))
-    # fourth powers of the step times the frequency w, with w^2 = 3/2 K d^(1/2) over the mass, and times the decay
-    deepest = jnp.where(gap < before.gap, gap, before.gap)
-    deepest = jnp.where(deepest < 0, deepest, 0.0)
-    stiff = 1.5 / stiffest * seconds
-    damped = damping_ratios(scene, 1 / dampest, memory)
-    stiff, damped = (jnp.square(v * scene.contact.stiffness * own) for v in (stiff, damped))
-    rough = jnp.square(stiff * deepest) + jnp.square(damped * deepest**3)
     ends = wrench_directions(scene, last, args.travel(t1))
-    first = [means * d for d in before.wrenches]
-    if not os.environ.get("SIMPLE"):
-        first = [p + last.force * (1 / 6) * (e - d) for p, d, e in zip(first, before.wrenches, ends)]
-    total, total_early, (rough,) = resultants(
+    turning_force = last.force * (1 / 6)
+    total, total_early, _ = resultants(
         frame,
-        first,
+        [means * d + turning_force * (e - d) for d, e in zip(before.wrenches, ends, strict=True)],
         [earlies * d for d in before.wrenches],
-        others=[rough],
     )
 
     # the difference of `total` changes velocities, and the difference of `total_early` changes positions
-    share = 1 / (1 + rough)
     # RK4's means end with the forces on nodes along the directions of their own stages, see `rails.noted`
-    changes = lambda new, old: [share * (a - b) for a, b in zip(new, old[: len(new)], strict=True)]
+    changes = lambda new, old: [a - b for a, b in zip(new, old[: len(new)], strict=True)]
     later = changes(total, mean)
     sooner = changes(total_early, early)
     # the wrench ends with forces on rails that bend, which do not move the body
@@ -352,7 +333,7 @@ def _pressing(scene: Scene, path: _Path, gap: Array, rate: Array, x: Array) -> A
     touchdowns.
     """
     first = jnp.ones_like(gap)
-    middle, last = (scene.contact.force(*at, first) for at in ((path.gap.value(0.5), path.rate_at(0.5)), (gap, rate)))
+    middle = scene.contact.force(path.gap.value(0.5), path.rate_at(0.5), first)
     return x * x * middle
 
 
