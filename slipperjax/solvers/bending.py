@@ -17,14 +17,6 @@ class RigidRails:
         """Return the frame in the middle of the step, after the forces of an earlier stage."""
         return frame
 
-    def fourth(self, frame: RailFrame, first: Wrench, third: Wrench) -> RailFrame:
-        """Return the frame at the end of the step, after the forces of the first and the third stage."""
-        return frame
-
-    def noted(self, by_start: Wrench, own: Wrench) -> Wrench:
-        """Return a stage's wrench along the directions of the start, with the nodes' forces along its own added."""
-        return by_start
-
     def end(self, frame: RailFrame, mean: Wrench, early: Wrench) -> tuple[RailFrame, RailState | None]:
         """Return the frame and the rails at the end of the step.
 
@@ -55,13 +47,6 @@ class BendingRails(RigidRails):
 
     def halfway(self, frame, wrench):
         return bent(frame, pressed(self.middle, (self.step.half, wrench[-1])))
-
-    def fourth(self, frame, first, third):
-        later = 2 * (third[-1] - first[-1])
-        return bent(frame, pressed(self.free, (self.step.whole, first[-1]), (self.step.half, later)))
-
-    def noted(self, by_start, own):
-        return [*by_start, own[-1]]
 
     def end(self, frame, mean, early):
         rail = self.step.end(self.free, mean[-1], early[-1])

@@ -46,7 +46,23 @@ from ..tools.hermite import Cubic, sign_change
 from .bending import RigidRails, rails_in_step
 from .latching import AbstractLatchingSolver, dense_info, field_of
 
-NODE = (0.4 - 1 / 7) / (5 / 9) ** 1.5
+
+
+class Quadrature(NamedTuple):
+    """A rule for the mean of a force over the part of a step in which it acts, with nodes inside and at the ends."""
+
+    node: float
+    """Distance of the inner node from the place where the force begins or ends, over the length of the part."""
+    inside: float
+    """Weight of the inner node."""
+    end: float
+    """Weight of each end of the step; the force is zero at an end that is not in the part."""
+
+
+THROUGH = Quadrature(1 / 2, 2 / 3, 1 / 6)
+"""Simpson's rule, where a force acts in the whole step, or where its damping ends or begins it."""
+CROSSING = Quadrature(5 / 9, (0.4 - 1 / 7) / (5 / 9) ** 1.5, 1 / 7)
+"""Where a gap closes or opens: exact for powers 1.5, 2.5 and 3.5 of the distance from there."""
 
 
 def knows_contacts(scene: Scene) -> bool:
@@ -66,6 +82,20 @@ class Ends(NamedTuple):
     wrenches: tuple[Array, ...]  # `wrench_directions` of a unit normal force
     force: Array  # [N]
     wrench: list[Array]  # wrench of all contacts together, see `resultants`
+
+
+class Means(NamedTuple):
+    """Means of a wrench over a step, of the stages that RK4 has."""
+
+    mean: list[Array]
+    early: list[Array]
+    """Of the wrench times the part of the step that is left."""
+
+    @classmethod
+    def of_stages(cls, first: list[Array], second: list[Array], third: list[Array]) -> "Means":
+        """Return the means from the wrenches at the start of the step and, twice, in its middle."""
+        middle = [b + c for b, c in zip(second, third, strict=True)]
+        return cls([m / 2 for m in middle], [(a + m) / 6 for a, m in zip(first, middle, strict=True)])
 
 
 class ImpulseRK4(AbstractLatchingSolver):
@@ -115,22 +145,22 @@ class ImpulseRK4(AbstractLatchingSolver):
 
         def stage(frame, rates):
             """Return the motion in the middle of the step by some rates, its derivative, and the wrench of its forces
-            along their own directions and along the start's."""
+            along their own directions and along those of the start."""
             travel = args.travel(half)
             m = store(jax.tree.map(lambda a, k: a + 0.5 * dt * k, m0, rates))
             at = forces_at(scene, frame, contacts(frame, m), State(m, y0.memory))
             directions = wrench_directions(scene, at, travel), before.wrenches
             own, by_start, _ = resultants(frame, *([at.force * d for d in each] for each in directions))
-            return m, per_period(travel, newton_euler(scene, m, own, travel)), own, rails.noted(by_start, own)
+            return m, per_period(travel, newton_euler(scene, m, own, travel)), own, by_start
 
-        f1 = rails.noted(before.wrench, before.wrench)
-        y2, k2, own2, f2 = stage(rails.halfway(middle, f1), k1)
-        y3, k3, own3, f3 = stage(rails.halfway(middle, f2), k2)
-        # the contacts' wrench at the end, by a line through the start and the middle
-        own4 = [b + c - a for a, b, c in zip(before.wrench, own2, own3, strict=True)]
+        first = before.wrench
+        y2, k2, second, second_by_start = stage(rails.halfway(middle, first), k1)
+        y3, k3, third, third_by_start = stage(rails.halfway(middle, second), k2)
+        # the wrench at the end, on a line through those at the start and in the middle
+        last = [b + c - a for a, b, c in zip(first, second, third, strict=True)]
         travel = args.travel(t1)
         y4 = store(jax.tree.map(lambda a, k: a + dt * k, m0, k3))
-        k4 = per_period(travel, newton_euler(scene, y4, own4, travel))
+        k4 = per_period(travel, newton_euler(scene, y4, last, travel))
         # m0 + dt (k1 + 2 k2 + 2 k3 + k4) / 6
         end = jax.tree.map(
             lambda a, p, q, r, k: (p + 2 * q + r - a) * (1 / 3) + (dt / 6) * k,
@@ -140,13 +170,10 @@ class ImpulseRK4(AbstractLatchingSolver):
             y4,
             k4,
         )
-        # means of the wrench over the step: `early` is weighted by the part of the step that is left, `mean` is not
-        early = [(a + b + c) / 6 for a, b, c in zip(f1, f2, f3, strict=True)]
-        mean = [(b + c) / 2 for b, c in zip(f2, f3, strict=True)]
-        turned = [(a + b - c - d) / 6 for a, b, c, d in zip(own2, own3, f2, f3)]
-        mean = [m + t for m, t in zip(mean, turned, strict=True)]
+        own = Means.of_stages(first, second, third)
+        by_start = Means.of_stages(first, second_by_start, third_by_start)
         state = State(store(end), y0.memory)
-        y1, rates, after = _corrected(args, rail, rails, before, t1, dt, state, mean, early)
+        y1, rates, after = _corrected(args, rail, rails, before, t1, dt, state, own, by_start)
         rates = store(rates)
         dense = dense_info(dt, y0, y1, State(k1, None), State(rates, None))
         return y1, None, dense, (rates, after), RESULTS.successful
@@ -160,21 +187,21 @@ def _corrected(
     t1,
     dt,
     state: State,
-    mean: list[Array],
-    early: list[Array],
+    own: Means,
+    by_start: Means,
 ) -> tuple[State, Motion, Ends]:
-    """Return the state, its derivative and the contacts at the end of a step that RK4 ends at `state`.
+    """Return the state, its derivative and the contacts at the end of a step that RK4's stages end at `state`.
 
-    **Arguments:** `rail`: `_moving` at the end of the step; `rails`: those of the step; `mean`: RK4's mean of the
-    wrench, from which velocities follow; `early`: the same of the wrench times the part of the step that is left,
-    from which positions follow.
+    **Arguments:** `rail`: `_moving` at the end of the step; `rails`: those of the step; `own`, `by_start`: means of
+    the stages' wrenches, along their own directions and along those of the start.
     """
     scene = args.scene
     m = state.motion
     memory = state.memory
+    travel = args.travel(t1)
     seconds = dt * args.travel(t1 - 0.5 * dt).period
     straight, _ = rail
-    frame, bending = rails.end(straight, mean, early)
+    frame, bending = rails.end(straight, *own)
     now = contacts(frame, m)
     lever = store(now.lever)
     gap, turning = store((now.gap, _turning(args, t1, rail, State(m, memory, bending))))
@@ -192,48 +219,47 @@ def _corrected(
     modal_rate = [] if m.modes is None else [m.modes.rate]
     rate = store(along(m.v_y, m.v_z, m.w_x, m.w_y, m.w_z, *modal_rate) - frame.velocity)
     compliance = [seconds / scene.slipper.mass] * 2 + [seconds / j for j in scene.slipper.inertia]
-    # compliance of each point along its normal
-    own = sum(c * d**2 for c, d in zip(compliance, directions, strict=True))
     if m.modes is not None:
-        own = own + seconds * modal_compliance(frame)
         # modes have unit mass
         compliance = [*compliance, seconds]
-    own = store_if_differentiated(rails.compliance(frame, own))
 
     path = _path(before, gap, rate, turning, seconds)
     place, length, touches, bends = _edge(scene, path, gap, rate, memory)
     if memory is not None:
+        # compliance of each point along its normal
+        yielding = sum(c * d**2 for c, d in zip(compliance, directions, strict=False))
+        if m.modes is not None:
+            yielding = yielding + seconds * modal_compliance(frame)
+        yielding = store_if_differentiated(rails.compliance(frame, yielding))
         # the rate at the touchdown, without the contact's own effect in the step
-        at = path.rate_at(place) - own * _pressing(scene, path, gap, rate, place)
+        at = path.rate_at(place) - yielding * _pressing(scene, path, place)
         slowest = -scene.contact_memory.slowest
         at = jnp.where(touches & (at < slowest), at, slowest)
         memory = store_if_differentiated(jnp.where(touches, 1 / at, memory))
 
+    # means over the step of each contact's force, and of this force times the part of the step that is left
     last = forces_at(scene, frame, Contacts(gap, rate, lever), State(m, memory))
-    x = store_cotangent(place + length * jnp.where(bends, 5 / 9, 0.5))
+    x = store_cotangent(place + length * jnp.where(bends, CROSSING.node, THROUGH.node))
     force = contact_forces(scene, Contacts(path.gap.value(x), path.rate_at(x), lever), memory)
     acts = jnp.abs(length)
-    part = store_cotangent(acts * jnp.where(bends, NODE, 2 / 3) * force)
-    at_ends = acts * jnp.where(bends, 1 / 7, 1 / 6)
-    means = part + at_ends * (before.force + last.force)
-    earlies = (1 - x) * part + at_ends * before.force
-    ends = wrench_directions(scene, last, args.travel(t1))
-    turning_force = last.force * (1 / 6)
+    inside = store_cotangent(acts * jnp.where(bends, CROSSING.inside, THROUGH.inside) * force)
+    at_ends = acts * jnp.where(bends, CROSSING.end, THROUGH.end)
+    mean = inside + at_ends * (before.force + last.force)
+    early = (1 - x) * inside + at_ends * before.force
+    # the directions turn in the step: by Simpson's rule, whose terms in the middle are in `by_start`
+    turned = last.force * (1 / 6)
     total, total_early, _ = resultants(
         frame,
-        [means * d + turning_force * (e - d) for d, e in zip(before.wrenches, ends, strict=True)],
-        [earlies * d for d in before.wrenches],
+        [mean * d + turned * (e - d) for d, e in zip(before.wrenches, wrench_directions(scene, last, travel), strict=True)],
+        [early * d for d in before.wrenches],
     )
-
     # the difference of `total` changes velocities, and the difference of `total_early` changes positions
-    # RK4's means end with the forces on nodes along the directions of their own stages, see `rails.noted`
-    changes = lambda new, old: [a - b for a, b in zip(new, old[: len(new)], strict=True)]
-    later = changes(total, mean)
-    sooner = changes(total_early, early)
+    later = [a - b - (c - b) / 3 for a, b, c in zip(total, by_start.mean, own.mean, strict=True)]
+    sooner = [a - b for a, b in zip(total_early, by_start.early, strict=True)]
     # the wrench ends with forces on rails that bend, which do not move the body
-    own_size = len(compliance)
-    kick = [c * v for c, v in zip(compliance, later[:own_size], strict=True)]
-    move = [seconds * c * v for c, v in zip(compliance, sooner[:own_size], strict=True)]
+    size = len(compliance)
+    kick = [c * v for c, v in zip(compliance, later[:size], strict=True)]
+    move = [seconds * c * v for c, v in zip(compliance, sooner[:size], strict=True)]
     # rotation of the attitude, at RK4's attitude
     turn = attitude_rates(dataclasses.replace(m, w_x=move[2], w_y=move[3], w_z=move[4]))
     after = moved(m, Motion(move[0], move[1], *turn, *kick[:5]))
@@ -242,8 +268,8 @@ def _corrected(
         after = dataclasses.replace(after, modes=modes)
     m, kick, move = store((after, kick, move))
     end = Contacts(gap + along(*move), rate + along(*kick), lever)
-    added = lambda old, new: [a + b for a, b in zip(old[-1:], new[-1:], strict=True)]
-    settled, bending = rails.end(straight, added(mean, later), added(early, sooner))
+    added = lambda old, new: [a + b for a, b in zip(old, new, strict=True)]
+    settled, bending = rails.end(straight, added(own.mean, later), added(own.early, sooner))
     end = rails.moved(frame, settled, end)
     if memory is not None:
         rates = Rates(path.rate, path.rise, path.bend, end.rate)
@@ -326,15 +352,12 @@ def _edge(
     return place, jnp.where(kind < 0, -place, 1 - place), kind == 1, bends
 
 
-def _pressing(scene: Scene, path: _Path, gap: Array, rate: Array, x: Array) -> Array:
+def _pressing(scene: Scene, path: _Path, x: Array) -> Array:
     """Return the part of the cubic's slope at x, as a mean force [N], that comes from a contact that begins there.
 
-    Computed from the forces in the middle and at the end of the step, with RK4's weights and the damping of
-    touchdowns.
+    Computed from the force in the middle of the step, with RK4's weights and the damping of touchdowns.
     """
-    first = jnp.ones_like(gap)
-    middle = scene.contact.force(path.gap.value(0.5), path.rate_at(0.5), first)
-    return x * x * middle
+    return x * x * scene.contact.force(path.gap.value(0.5), path.rate_at(0.5), jnp.ones_like(x))
 
 
 def _moving(args: Args, t) -> tuple[RailFrame, RailFrame]:
