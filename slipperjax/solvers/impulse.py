@@ -79,23 +79,8 @@ class Ends(NamedTuple):
     gap: Array  # [m]
     rate: Array  # Eq. (8)'s rate of the gap [m/s]
     turning: Array  # the gap's true rate minus Eq. (8)'s rate: the part from the rotation of the normals [m/s]
-    wrenches: tuple[Array, ...]  # `wrench_directions` of a unit normal force
     force: Array  # [N]
     wrench: list[Array]  # wrench of all contacts together, see `resultants`
-
-
-class Means(NamedTuple):
-    """Means of a wrench over a step, of the stages that RK4 has."""
-
-    mean: list[Array]
-    early: list[Array]
-    """Of the wrench times the part of the step that is left."""
-
-    @classmethod
-    def of_stages(cls, first: list[Array], second: list[Array], third: list[Array]) -> "Means":
-        """Return the means from the wrenches at the start of the step and, twice, in its middle."""
-        middle = [b + c for b, c in zip(second, third, strict=True)]
-        return cls([m / 2 for m in middle], [(a + m) / 6 for a, m in zip(first, middle, strict=True)])
 
 
 class ImpulseRK4(AbstractLatchingSolver):
@@ -143,37 +128,27 @@ class ImpulseRK4(AbstractLatchingSolver):
         rail = _moving(args, t1)
         rails = rails_in_step(args, half, dt, y0.rail)
 
-        def stage(frame, rates):
-            """Return the motion in the middle of the step by some rates, its derivative, and the wrench of its forces
-            along their own directions and along those of the start."""
-            travel = args.travel(half)
-            m = store(jax.tree.map(lambda a, k: a + 0.5 * dt * k, m0, rates))
+        def derivative(t, m, wrench):
+            travel = args.travel(t)
+            return per_period(travel, newton_euler(scene, m, wrench, travel))
+
+        def stage(wrench, *rates):
+            """Return the contacts in the middle of the step by some rates and rails under a wrench, with their directions and wrench, and the derivative."""
+            frame = rails.halfway(middle, wrench)
+            m = store(jax.tree.map(lambda a, *ks: a + (0.5 / len(ks)) * dt * sum(ks), m0, *rates))
             at = forces_at(scene, frame, contacts(frame, m), State(m, y0.memory))
-            directions = wrench_directions(scene, at, travel), before.wrenches
-            own, by_start, _ = resultants(frame, *([at.force * d for d in each] for each in directions))
-            return m, per_period(travel, newton_euler(scene, m, own, travel)), own, by_start
+            directions = wrench_directions(scene, at, args.travel(half))
+            wrench, _ = resultants(frame, [at.force * d for d in directions])
+            return directions, wrench, derivative(half, m, wrench)
 
         first = before.wrench
-        y2, k2, second, second_by_start = stage(rails.halfway(middle, first), k1)
-        y3, k3, third, third_by_start = stage(rails.halfway(middle, second), k2)
-        # the wrench at the end, on a line through those at the start and in the middle
-        last = [b + c - a for a, b, c in zip(first, second, third, strict=True)]
-        travel = args.travel(t1)
-        y4 = store(jax.tree.map(lambda a, k: a + dt * k, m0, k3))
-        k4 = per_period(travel, newton_euler(scene, y4, last, travel))
-        # m0 + dt (k1 + 2 k2 + 2 k3 + k4) / 6
-        end = jax.tree.map(
-            lambda a, p, q, r, k: (p + 2 * q + r - a) * (1 / 3) + (dt / 6) * k,
-            m0,
-            y2,
-            y3,
-            y4,
-            k4,
-        )
-        own = Means.of_stages(first, second, third)
-        by_start = Means.of_stages(first, second_by_start, third_by_start)
+        _, second, k2 = stage(first, k1)
+        directions, third, k3 = stage([(a + b) / 2 for a, b in zip(first, second, strict=True)], k1, k2)
+        y4 = store(jax.tree.map(lambda a, q, r: a + dt * (2 * r - q), m0, k2, k3))
+        k4 = derivative(t1, y4, [2 * c - a for a, c in zip(first, third, strict=True)])
+        end = jax.tree.map(lambda a, p, r, k: a + (dt / 6) * (p + 4 * r + k), m0, k1, k3, k4)
         state = State(store(end), y0.memory)
-        y1, rates, after = _corrected(args, rail, rails, before, t1, dt, state, own, by_start)
+        y1, rates, after = _corrected(args, rail, rails, before, t1, dt, state, third, store(directions) )
         rates = store(rates)
         dense = dense_info(dt, y0, y1, State(k1, None), State(rates, None))
         return y1, None, dense, (rates, after), RESULTS.successful
@@ -187,8 +162,8 @@ def _corrected(
     t1,
     dt,
     state: State,
-    own: Means,
-    by_start: Means,
+    third: list[Array],
+    directions,
 ) -> tuple[State, Motion, Ends]:
     """Return the state, its derivative and the contacts at the end of a step that RK4's stages end at `state`.
 
@@ -201,12 +176,11 @@ def _corrected(
     travel = args.travel(t1)
     seconds = dt * args.travel(t1 - 0.5 * dt).period
     straight, _ = rail
-    frame, bending = rails.end(straight, *own)
+    early_wrench = [(a + 2 * c) / 6 for a, c in zip(before.wrench, third, strict=True)]
+    frame, bending = rails.end(straight, third, early_wrench)
     now = contacts(frame, m)
     lever = store(now.lever)
     gap, turning = store((now.gap, _turning(args, t1, rail, State(m, memory, bending))))
-    directions = (*frame.normal[1:], *lever)
-
     def along(y: Array, z: Array, *turn: Array) -> Array:
         """Return how far, or how fast, the points move along their normals; `turn`: rotations, then modes if any."""
         moves = [y, z]
@@ -227,7 +201,7 @@ def _corrected(
     place, length, touches, bends = _edge(scene, path, gap, rate, memory)
     if memory is not None:
         # compliance of each point along its normal
-        yielding = sum(c * d**2 for c, d in zip(compliance, directions, strict=False))
+        yielding = sum(c * d**2 for c, d in zip(compliance, (*frame.normal[1:], *lever), strict=False))
         if m.modes is not None:
             yielding = yielding + seconds * modal_compliance(frame)
         yielding = store_if_differentiated(rails.compliance(frame, yielding))
@@ -244,18 +218,17 @@ def _corrected(
     acts = jnp.abs(length)
     inside = store_cotangent(acts * jnp.where(bends, CROSSING.inside, THROUGH.inside) * force)
     at_ends = acts * jnp.where(bends, CROSSING.end, THROUGH.end)
-    mean = inside + at_ends * (before.force + last.force)
-    early = (1 - x) * inside + at_ends * before.force
-    # the directions turn in the step: by Simpson's rule, whose terms in the middle are in `by_start`
-    turned = last.force * (1 / 6)
+    mean = inside + (at_ends - 1 / 6) * (before.force + last.force)
+    early = (1 - x) * inside + (at_ends - 1 / 6) * before.force
+    final = last.force * (1 / 6)
     total, total_early, _ = resultants(
         frame,
-        [mean * d + turned * (e - d) for d, e in zip(before.wrenches, wrench_directions(scene, last, travel), strict=True)],
-        [early * d for d in before.wrenches],
+        [mean * d + final * e for d, e in zip(directions, wrench_directions(scene, last, travel), strict=True)],
+        [early * d for d in directions],
     )
     # the difference of `total` changes velocities, and the difference of `total_early` changes positions
-    later = [a - b - (c - b) / 3 for a, b, c in zip(total, by_start.mean, own.mean, strict=True)]
-    sooner = [a - b for a, b in zip(total_early, by_start.early, strict=True)]
+    later = [a + b / 6 - c for a, b, c in zip(total, before.wrench, third, strict=True)]
+    sooner = [a - c / 3 for a, c in zip(total_early, third, strict=True)]
     # the wrench ends with forces on rails that bend, which do not move the body
     size = len(compliance)
     kick = [c * v for c, v in zip(compliance, later[:size], strict=True)]
@@ -269,7 +242,7 @@ def _corrected(
     m, kick, move = store((after, kick, move))
     end = Contacts(gap + along(*move), rate + along(*kick), lever)
     added = lambda old, new: [a + b for a, b in zip(old, new, strict=True)]
-    settled, bending = rails.end(straight, added(own.mean, later), added(own.early, sooner))
+    settled, bending = rails.end(straight, added(third, later), added(early_wrench, sooner))
     end = rails.moved(frame, settled, end)
     if memory is not None:
         rates = Rates(path.rate, path.rise, path.bend, end.rate)
@@ -293,7 +266,7 @@ def _ended(
     own = wrench_directions(scene, at, travel)
     wrench, _ = resultants(frame, [at.force * w for w in own])
     rates = per_period(travel, newton_euler(scene, state.motion, wrench, travel))
-    return rates, Ends(now.gap, now.rate, turning, own, at.force, wrench)
+    return rates, Ends(now.gap, now.rate, turning, at.force, wrench)
 
 
 class _Path(NamedTuple):
