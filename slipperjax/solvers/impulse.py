@@ -148,7 +148,7 @@ class ImpulseRK4(AbstractLatchingSolver):
         k4 = derivative(t1, y4, [2 * c - a for a, c in zip(first, third, strict=True)])
         end = jax.tree.map(lambda a, p, r, k: a + (dt / 6) * (p + 4 * r + k), m0, k1, k3, k4)
         state = State(store(end), y0.memory)
-        y1, rates, after = _corrected(args, rail, rails, before, t1, dt, state, third, store(directions) )
+        y1, rates, after = _corrected(args, rail, rails, before, t1, dt, state, third, directions)
         rates = store(rates)
         dense = dense_info(dt, y0, y1, State(k1, None), State(rates, None))
         return y1, None, dense, (rates, after), RESULTS.successful
