@@ -187,11 +187,9 @@ class Beam(ShapeChecked):
         # a force linear in time, by its mean and by the mean of the force times the part of the step that is left
         driven = pushed(seconds, lambda one, two: 6 * two - 2 * one, lambda one, two: 6 * one - 12 * two)
         pair = lambda z: (z.real, z.imag)
-        after = felt(whole)
         return RailStep(
             half=felt(half),
-            whole=after,
-            own=jnp.diagonal(after[:, 1], axis1=-2, axis2=-1),
+            own=jnp.diagonal(felt(whole)[:, 1], axis1=-2, axis2=-1),
             ends=(felt(driven[0]), felt(driven[1])),
             decay=pair(jnp.exp(exponent * seconds)),
             driven=(of_nodes(driven[0]), of_nodes(driven[1])),
@@ -247,12 +245,10 @@ class RailStep(NamedTuple):
 
     half: Float[Array, "2 2 nodes nodes"]
     """Deflection [m/N] and rate [m/s/N] after half the step, of a force that is constant over it."""
-    whole: Float[Array, "2 2 nodes nodes"]
-    """The same after the step."""
     own: Float[Array, "2 nodes"]
-    """Rates of `whole` by a force at the same node [m/s/N]."""
+    """Rates after the step, of a force at the same node that is constant over it [m/s/N]."""
     ends: tuple[Array, Array]
-    """The same of the two means of a force, see `driven`."""
+    """Deflections and rates after the step by the two means of a force, see `driven`."""
     decay: Waves
     """Factors of the waves in the step, (2, 2, modes)."""
     driven: tuple[Waves, Waves]

@@ -14,7 +14,7 @@ class RigidRails:
     """Rigid rails, which change nothing."""
 
     def halfway(self, frame: RailFrame, wrench: Wrench) -> RailFrame:
-        """Return the frame in the middle of the step, after the forces of an earlier stage."""
+        """Return the frame in the middle of the step, after a constant wrench."""
         return frame
 
     def end(self, frame: RailFrame, mean: Wrench, early: Wrench) -> tuple[RailFrame, RailState | None]:
@@ -36,8 +36,8 @@ class RigidRails:
 class BendingRails(RigidRails):
     """Rails that bend. A stage feels the free rails and the forces of earlier stages.
 
-    As in Cox and Matthews' ETDRK4 (2002, doi:10.1006/jcph.2002.6995), forces of stages are constant over half a step,
-    and waves move exactly. The forces of the whole step act by their two means.
+    As in Cox and Matthews' exponential Runge-Kutta methods (2002, doi:10.1006/jcph.2002.6995), forces of stages are
+    constant over half a step, and waves move exactly. The forces of the whole step act by their two means.
     """
 
     def __init__(self, step: RailStep, start: RailState):

@@ -1,9 +1,12 @@
-"""RK4 that finds where contacts begin and end in a step, and integrates the impulse of each contact a second time.
+"""Runge-Kutta steps that find where contacts begin and end, and integrate the impulse of each contact.
 
 The second derivative of Eq. (12)'s force has a kink where a contact begins or ends. The stages of a Runge-Kutta
-method do not find this place, so that the method loses one order in values and a further order in derivatives. After
-the stages, this solver describes the gap of each contact over the step by a cubic, and integrates the contact's force
-over the part of the step in which the cubic is negative. The difference of the two impulses corrects the motion.
+method do not find this place, so that the method loses one order in values and a further order in derivatives. The
+stages of this solver only predict the gap of each contact over the step, as a cubic. The force is then integrated
+over the part of the step in which the cubic is negative, and the impulses give the motion at the end of the step.
+
+A prediction of third order in velocities and fourth order in positions is enough for impulses of fourth order.
+Therefore the contacts are evaluated in the middle of the step alone, and not in the stage at its end.
 """
 
 import dataclasses
@@ -11,7 +14,6 @@ from typing import ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from diffrax import RESULTS
 from jaxtyping import Array
 
@@ -47,16 +49,15 @@ from .bending import RigidRails, rails_in_step
 from .latching import AbstractLatchingSolver, dense_info, field_of
 
 
-
 class Quadrature(NamedTuple):
-    """A rule for the mean of a force over the part of a step in which it acts, with nodes inside and at the ends."""
+    """A rule for the mean of a force over the part of a step in which the force acts, with one node in this part."""
 
     node: float
-    """Distance of the inner node from the place where the force begins or ends, over the length of the part."""
-    inside: float
-    """Weight of the inner node."""
+    """Distance of the node from the place where the force begins or ends, over the length of the part."""
+    weight: float
+    """Weight of the node."""
     end: float
-    """Weight of each end of the step; the force is zero at an end that is not in the part."""
+    """Weight of each end of the step; at an end that is not in the part the force is zero."""
 
 
 THROUGH = Quadrature(1 / 2, 2 / 3, 1 / 6)
@@ -83,11 +84,18 @@ class Ends(NamedTuple):
     wrench: list[Array]  # wrench of all contacts together, see `resultants`
 
 
-class ImpulseRK4(AbstractLatchingSolver):
-    """RK4 with the event latch; the impulses of contacts are integrated along cubics of their gaps.
+class Middle(NamedTuple):
+    """The contacts in the middle of a step."""
 
-    The correction fades out where a contact is too stiff for the step. The rate at a touchdown is the rate of the
-    gap's cubic without the contact's own impulse. There is no error estimate: constant steps only.
+    directions: tuple[Array, ...]  # `wrench_directions` of a unit normal force
+    wrench: list[Array]
+
+
+class ImpulseRK4(AbstractLatchingSolver):
+    """England's RK4 with the event latch; the impulses of contacts are integrated along cubics of their gaps.
+
+    The rate at a touchdown is the rate of the gap's cubic without the contact's own impulse. There is no error
+    estimate: constant steps only. Source of the stages: England 1969, doi:10.1093/comjnl/12.2.166.
 
     **Raises:** `ValueError` for contacts for which `knows_contacts` is False, and for a user's own vector field,
     whose forces the solver does not know.
@@ -128,27 +136,30 @@ class ImpulseRK4(AbstractLatchingSolver):
         rail = _moving(args, t1)
         rails = rails_in_step(args, half, dt, y0.rail)
 
-        def derivative(t, m, wrench):
+        def rates_at(t, m, wrench):
             travel = args.travel(t)
             return per_period(travel, newton_euler(scene, m, wrench, travel))
 
-        def stage(wrench, *rates):
-            """Return the contacts in the middle of the step by some rates and rails under a wrench, with their directions and wrench, and the derivative."""
-            frame = rails.halfway(middle, wrench)
-            m = store(jax.tree.map(lambda a, *ks: a + (0.5 / len(ks)) * dt * sum(ks), m0, *rates))
+        def stage(pressed, *rates):
+            """Return the contacts and the motion's derivative in the middle of the step.
+
+            **Arguments:** `pressed`: wrench that bent the rails since the start; `rates`: the motion has their mean.
+            """
+            frame = rails.halfway(middle, pressed)
+            m = store(jax.tree.map(lambda a, *k: a + 0.5 * dt / len(rates) * sum(k), m0, *rates))
             at = forces_at(scene, frame, contacts(frame, m), State(m, y0.memory))
             directions = wrench_directions(scene, at, args.travel(half))
             wrench, _ = resultants(frame, [at.force * d for d in directions])
-            return directions, wrench, derivative(half, m, wrench)
+            return Middle(directions, wrench), rates_at(half, m, wrench)
 
-        first = before.wrench
-        _, second, k2 = stage(first, k1)
-        directions, third, k3 = stage([(a + b) / 2 for a, b in zip(first, second, strict=True)], k1, k2)
+        second, k2 = stage(before.wrench, k1)
+        third, k3 = stage([(a + b) / 2 for a, b in zip(before.wrench, second.wrench, strict=True)], k1, k2)
         y4 = store(jax.tree.map(lambda a, q, r: a + dt * (2 * r - q), m0, k2, k3))
-        k4 = derivative(t1, y4, [2 * c - a for a, c in zip(first, third, strict=True)])
-        end = jax.tree.map(lambda a, p, r, k: a + (dt / 6) * (p + 4 * r + k), m0, k1, k3, k4)
-        state = State(store(end), y0.memory)
-        y1, rates, after = _corrected(args, rail, rails, before, t1, dt, state, third, directions)
+        # the contacts' wrench at the end is on a line through those at the start and in the middle
+        k4 = rates_at(t1, y4, [2 * b - a for a, b in zip(before.wrench, third.wrench, strict=True)])
+        predicted = jax.tree.map(lambda a, p, r, k: a + (dt / 6) * (p + 4 * r + k), m0, k1, k3, k4)
+        state = State(store(predicted), y0.memory)
+        y1, rates, after = _corrected(args, rail, rails, before, third, t1, dt, state)
         rates = store(rates)
         dense = dense_info(dt, y0, y1, State(k1, None), State(rates, None))
         return y1, None, dense, (rates, after), RESULTS.successful
@@ -159,16 +170,15 @@ def _corrected(
     rail: tuple,
     rails: RigidRails,
     before: Ends,
+    middle: Middle,
     t1,
     dt,
     state: State,
-    third: list[Array],
-    directions,
 ) -> tuple[State, Motion, Ends]:
-    """Return the state, its derivative and the contacts at the end of a step that RK4's stages end at `state`.
+    """Return the state, its derivative and the contacts at the end of a step, for which the stages predict `state`.
 
-    **Arguments:** `rail`: `_moving` at the end of the step; `rails`: those of the step; `own`, `by_start`: means of
-    the stages' wrenches, along their own directions and along those of the start.
+    **Arguments:** `rail`: `_moving` at the end of the step; `rails`: those of the step; `middle`: of the last stage
+    in the middle of the step.
     """
     scene = args.scene
     m = state.motion
@@ -176,11 +186,14 @@ def _corrected(
     travel = args.travel(t1)
     seconds = dt * args.travel(t1 - 0.5 * dt).period
     straight, _ = rail
-    early_wrench = [(a + 2 * c) / 6 for a, c in zip(before.wrench, third, strict=True)]
-    frame, bending = rails.end(straight, third, early_wrench)
+    # the prediction has these means of the wrench over the step, from which velocities follow, and of the wrench
+    # times the part of the step that is left, from which positions follow
+    predicted = middle.wrench, [(a + 2 * b) / 6 for a, b in zip(before.wrench, middle.wrench, strict=True)]
+    frame, bending = rails.end(straight, *predicted)
     now = contacts(frame, m)
     lever = store(now.lever)
     gap, turning = store((now.gap, _turning(args, t1, rail, State(m, memory, bending))))
+
     def along(y: Array, z: Array, *turn: Array) -> Array:
         """Return how far, or how fast, the points move along their normals; `turn`: rotations, then modes if any."""
         moves = [y, z]
@@ -201,39 +214,41 @@ def _corrected(
     place, length, touches, bends = _edge(scene, path, gap, rate, memory)
     if memory is not None:
         # compliance of each point along its normal
-        yielding = sum(c * d**2 for c, d in zip(compliance, (*frame.normal[1:], *lever), strict=False))
+        own = sum(c * d**2 for c, d in zip(compliance, (*frame.normal[1:], *lever), strict=False))
         if m.modes is not None:
-            yielding = yielding + seconds * modal_compliance(frame)
-        yielding = store_if_differentiated(rails.compliance(frame, yielding))
+            own = own + seconds * modal_compliance(frame)
+        own = store_if_differentiated(rails.compliance(frame, own))
         # the rate at the touchdown, without the contact's own effect in the step
-        at = path.rate_at(place) - yielding * _pressing(scene, path, place)
+        at = path.rate_at(place) - own * _pressing(scene, path, place)
         slowest = -scene.contact_memory.slowest
         at = jnp.where(touches & (at < slowest), at, slowest)
         memory = store_if_differentiated(jnp.where(touches, 1 / at, memory))
 
-    # means over the step of each contact's force, and of this force times the part of the step that is left
     last = forces_at(scene, frame, Contacts(gap, rate, lever), State(m, memory))
-    x = store_cotangent(place + length * jnp.where(bends, CROSSING.node, THROUGH.node))
+    rule = Quadrature(*(jnp.where(bends, *pair) for pair in zip(CROSSING, THROUGH, strict=True)))
+    x = store_cotangent(place + length * rule.node)
     force = contact_forces(scene, Contacts(path.gap.value(x), path.rate_at(x), lever), memory)
-    acts = jnp.abs(length)
-    inside = store_cotangent(acts * jnp.where(bends, CROSSING.inside, THROUGH.inside) * force)
-    at_ends = acts * jnp.where(bends, CROSSING.end, THROUGH.end)
-    mean = inside + (at_ends - 1 / 6) * (before.force + last.force)
-    early = (1 - x) * inside + (at_ends - 1 / 6) * before.force
-    final = last.force * (1 / 6)
-    total, total_early, _ = resultants(
+    inside = store_cotangent(jnp.abs(length) * rule.weight * force)
+    # The directions of forces turn in the step. Forces act along the directions of the middle, but as by Simpson's
+    # rule a sixth of the forces at the ends acts along the directions there.
+    at_ends = jnp.abs(length) * rule.end - 1 / 6
+    along_middle = inside + at_ends * (before.force + last.force)
+    early = (1 - x) * inside + at_ends * before.force
+    sixth = last.force * (1 / 6)
+    directions = zip(middle.directions, wrench_directions(scene, last, travel), strict=True)
+    *impulses, _ = resultants(
         frame,
-        [mean * d + final * e for d, e in zip(directions, wrench_directions(scene, last, travel), strict=True)],
-        [early * d for d in directions],
+        [along_middle * d + sixth * end for d, end in directions],
+        [early * d for d in middle.directions],
     )
-    # the difference of `total` changes velocities, and the difference of `total_early` changes positions
-    later = [a + b / 6 - c for a, b, c in zip(total, before.wrench, third, strict=True)]
-    sooner = [a - c / 3 for a, c in zip(total_early, third, strict=True)]
-    # the wrench ends with forces on rails that bend, which do not move the body
-    size = len(compliance)
-    kick = [c * v for c, v in zip(compliance, later[:size], strict=True)]
-    move = [seconds * c * v for c, v in zip(compliance, sooner[:size], strict=True)]
-    # rotation of the attitude, at RK4's attitude
+    found = [[a + b / 6 for a, b in zip(impulse, before.wrench, strict=True)] for impulse in impulses]
+    # changes of velocities and of positions; the wrench may end with forces on rails, which do not move the body
+    kick, move = (
+        [c * (new - old) for c, new, old in zip(compliance, *means, strict=False)]
+        for means in zip(found, predicted, strict=True)
+    )
+    move = [seconds * v for v in move]
+    # rotation of the attitude, at the predicted attitude
     turn = attitude_rates(dataclasses.replace(m, w_x=move[2], w_y=move[3], w_z=move[4]))
     after = moved(m, Motion(move[0], move[1], *turn, *kick[:5]))
     if m.modes is not None:
@@ -241,8 +256,7 @@ def _corrected(
         after = dataclasses.replace(after, modes=modes)
     m, kick, move = store((after, kick, move))
     end = Contacts(gap + along(*move), rate + along(*kick), lever)
-    added = lambda old, new: [a + b for a, b in zip(old, new, strict=True)]
-    settled, bending = rails.end(straight, added(third, later), added(early_wrench, sooner))
+    settled, bending = rails.end(straight, *found)
     end = rails.moved(frame, settled, end)
     if memory is not None:
         rates = Rates(path.rate, path.rise, path.bend, end.rate)
@@ -263,8 +277,7 @@ def _ended(
     scene = args.scene
     travel = args.travel(t)
     at = forces_at(scene, frame, now, state)
-    own = wrench_directions(scene, at, travel)
-    wrench, _ = resultants(frame, [at.force * w for w in own])
+    wrench, _ = resultants(frame, [at.force * w for w in wrench_directions(scene, at, travel)])
     rates = per_period(travel, newton_euler(scene, state.motion, wrench, travel))
     return rates, Ends(now.gap, now.rate, turning, at.force, wrench)
 
@@ -328,7 +341,7 @@ def _edge(
 def _pressing(scene: Scene, path: _Path, x: Array) -> Array:
     """Return the part of the cubic's slope at x, as a mean force [N], that comes from a contact that begins there.
 
-    Computed from the force in the middle of the step, with RK4's weights and the damping of touchdowns.
+    Computed from the force in the middle of the step, as the stages predict, with the damping of touchdowns.
     """
     return x * x * scene.contact.force(path.gap.value(0.5), path.rate_at(0.5), jnp.ones_like(x))
 
