@@ -204,26 +204,25 @@ def _corrected(
         return jnp.asarray(sum(d * part for d, part in parts))
 
     modal_rate = [] if m.modes is None else [m.modes.rate]
-    rate = store(along(m.v_y, m.v_z, m.w_x, m.w_y, m.w_z, *modal_rate) - frame.velocity)
+    rate = along(m.v_y, m.v_z, m.w_x, m.w_y, m.w_z, *modal_rate) - frame.velocity
     compliance = [seconds / scene.slipper.mass] * 2 + [seconds / j for j in scene.slipper.inertia]
     if m.modes is not None:
         # modes have unit mass
         compliance = [*compliance, seconds]
-
-    path = _path(before, gap, rate, turning, seconds)
-    place, length, touches, bends = _edge(scene, path, gap, rate, memory)
-    if memory is not None:
+    if memory is None:
+        rate = store(rate)
+    else:
         # compliance of each point along its normal
         own = sum(c * d**2 for c, d in zip(compliance, (*frame.normal[1:], *lever), strict=False))
         if m.modes is not None:
             own = own + seconds * modal_compliance(frame)
-        own = store_if_differentiated(rails.compliance(frame, own))
-        # the rate at the touchdown, without the contact's own effect in the step
-        at = path.rate_at(place) - own * _pressing(scene, path, place)
-        slowest = -scene.contact_memory.slowest
-        at = jnp.where(touches & (at < slowest), at, slowest)
-        memory = store_if_differentiated(jnp.where(touches, 1 / at, memory))
+        own = rails.compliance(frame, own)
+        # change of the rate by the force at the end, with the damping of touchdowns, over the step
+        rate, pressed = store((rate, own * scene.contact.force(gap, rate, jnp.ones_like(gap))))
 
+    path = _path(before, gap, rate, turning, seconds)
+    place, length, touches, bends = _edge(scene, path, gap, rate, memory)
+    # in the step of a touchdown the memory is still zero, and the damping is that at the touchdown
     last = forces_at(scene, frame, Contacts(gap, rate, lever), State(m, memory))
     rule = Quadrature(*(jnp.where(bends, *pair) for pair in zip(CROSSING, THROUGH, strict=True)))
     x = store_cotangent(place + length * rule.node)
@@ -259,6 +258,12 @@ def _corrected(
     settled, bending = rails.end(straight, *found)
     end = rails.moved(frame, settled, end)
     if memory is not None:
+        faster = end.rate - rate
+        nearer = (end.gap - gap) / seconds
+        at = _touchdown_rate(path, place, faster, nearer, pressed)
+        slowest = -scene.contact_memory.slowest
+        at = jnp.where(touches & (at < slowest), at, slowest)
+        memory = store_if_differentiated(jnp.where(touches, 1 / at, memory))
         rates = Rates(path.rate, path.rise, path.bend, end.rate)
         memory = jnp.where(end.gap >= 0, 0.0, scene.contact_memory.kept(memory, rates, touches))
     state = State(m, memory, bending)
@@ -338,12 +343,17 @@ def _edge(
     return place, jnp.where(kind < 0, -place, 1 - place), kind == 1, bends
 
 
-def _pressing(scene: Scene, path: _Path, x: Array) -> Array:
-    """Return the part of the cubic's slope at x, as a mean force [N], that comes from a contact that begins there.
+def _touchdown_rate(path: _Path, x: Array, faster: Array, nearer: Array, pressed: Array) -> Array:
+    """Return the rate [m/s] of a gap at x, where a contact begins, without the effect of the contact's own force.
 
-    Computed from the force in the middle of the step, as the stages predict, with the damping of touchdowns.
+    **Arguments:** `faster`, `nearer`: what the impulses add to the predicted rate at the end of the step, and to the
+    mean rate over the step [m/s]; `pressed`: change of the rate if the force at the end acted over the step [m/s].
     """
-    return x * x * scene.contact.force(path.gap.value(0.5), path.rate_at(0.5), jnp.ones_like(x))
+    left = 1 - x
+    # means of a force that grows with the power 1.5 of the distance from x, and of the force times what is left
+    faster = faster - 0.4 * left * pressed
+    nearer = nearer - (0.4 - 2 / 7) * left * left * pressed
+    return path.rate_at(x) + x * ((3 * x - 2) * faster + 6 * left * nearer)
 
 
 def _moving(args: Args, t) -> tuple[RailFrame, RailFrame]:
