@@ -17,7 +17,7 @@ from ..flow.period_map import PeriodMap, tangent_weights
 from ..flow.record import RecordSet
 from ..flow.status import Status, is_lost, judge_states
 from ..model.dynamics import State
-from ..model.kinematics import Motion
+from ..model.kinematics import Motion, body_numbers
 from ..model.quantities import MOTION_NUMBERS
 from ..model.scene import Scene, check_scene
 from ..model.starts import initial_state
@@ -209,7 +209,7 @@ def periodic_orbit(
     code = _status(shot.state, shot.residual, tolerance)
     # without the smallest multipliers, which belong to the contacts' memory
     in_flight = not traced and not np.any(np.abs(np.abs(mu[: len(MOTION_NUMBERS)]) - 1) > 1e-6)
-    if in_flight and np.isfinite(state.motion.y):
+    if in_flight and np.all(np.isfinite(body_numbers(state.motion))):
         # In free flight all multipliers have modulus one, and the result of Newton's method is arbitrary. Therefore
         # check whether the motion touched the rail.
         moved = simulate(scene, period, start=state, steps_per_period=steps, solver=solver).status

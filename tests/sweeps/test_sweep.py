@@ -143,7 +143,7 @@ def test_sweeps_say_what_half_the_step_changes():
 
 @pytest.mark.filterwarnings("ignore::slipperjax.ImplausibleWarning")
 def test_inaccurate_cases_are_marked():
-    ds = swept(steps_per_period=10, probe=True)
+    ds = swept(steps_per_period=7, probe=True)
     wrong = ds["probe_error"].values > 0.1
     assert 0 < wrong.sum() < len(SPEEDS)
     known = ds["status"].isin([Status.FINITE, Status.INACCURATE]).values
