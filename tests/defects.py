@@ -243,14 +243,14 @@ weights of another Runge-Kutta method | tests/solvers/test_exact_systems.py
 -b: ClassVar = (1 / 6, 1 / 3, 1 / 3, 1 / 6)
 +b: ClassVar = (1 / 8, 3 / 8, 3 / 8, 1 / 8)
 a contact's own force counted at its touchdown | tests/solvers/test_impulse.py -k rebound_of
--at = path.rate_at(place) - own * _pressing(scene, path, gap, rate, place)
-+at = path.rate_at(place)
+-faster = faster - 0.4 * left * pressed
++faster = faster
 solvers that latch nothing are let through | tests/solvers/test_solvers.py -k close_no_step
 -return eqx.error_if(fill_frozen(rates, state), jnp.asarray(t) == t, text)
 +return fill_frozen(rates, state)
 impulses from the step's end | tests/solvers/test_impulse.py -k rebound_of
--earlies = earlies + (1 - x) * part
-+earlies = earlies + x * part
+-early = (1 - x) * inside + at_ends * before.force
++early = x * inside + at_ends * before.force
 # flow
 errors of forces are measured and not judged | tests/flow/test_loads.py -k wrong_force
 -        status = jnp.asarray(with_accuracy(np.asarray(status), measured.worst))
