@@ -136,10 +136,6 @@ class ImpulseRK4(AbstractLatchingSolver):
         rail = _moving(args, t1)
         rails = rails_in_step(args, half, dt, y0.rail)
 
-        def rates_at(t, m, wrench):
-            travel = args.travel(t)
-            return per_period(travel, newton_euler(scene, m, wrench, travel))
-
         def stage(pressed, *rates):
             """Return the contacts and the motion's derivative in the middle of the step.
 
@@ -150,13 +146,13 @@ class ImpulseRK4(AbstractLatchingSolver):
             at = forces_at(scene, frame, contacts(frame, m), State(m, y0.memory))
             directions = wrench_directions(scene, at, args.travel(half))
             wrench, _ = resultants(frame, [at.force * d for d in directions])
-            return Middle(directions, wrench), rates_at(half, m, wrench)
+            return Middle(directions, wrench), _rates(args, half, m, wrench)
 
         second, k2 = stage(before.wrench, k1)
         third, k3 = stage([(a + b) / 2 for a, b in zip(before.wrench, second.wrench, strict=True)], k1, k2)
         y4 = store(jax.tree.map(lambda a, q, r: a + dt * (2 * r - q), m0, k2, k3))
         # the contacts' wrench at the end is on a line through those at the start and in the middle
-        k4 = rates_at(t1, y4, [2 * b - a for a, b in zip(before.wrench, third.wrench, strict=True)])
+        k4 = _rates(args, t1, y4, [2 * b - a for a, b in zip(before.wrench, third.wrench, strict=True)])
         predicted = jax.tree.map(lambda a, p, r, k: a + (dt / 6) * (p + 4 * r + k), m0, k1, k3, k4)
         state = State(store(predicted), y0.memory)
         y1, rates, after = _corrected(args, rail, rails, before, third, t1, dt, state)
@@ -270,6 +266,12 @@ def _corrected(
     return state, *_ended(args, t1, settled, end, turning, state)
 
 
+def _rates(args: Args, t, m: Motion, wrench: list[Array]) -> Motion:
+    """Return the derivative of the motion [per forcing period] under the contacts' wrench."""
+    travel = args.travel(t)
+    return per_period(travel, newton_euler(args.scene, m, wrench, travel))
+
+
 def _ended(
     args: Args,
     t,
@@ -279,12 +281,10 @@ def _ended(
     state: State,
 ) -> tuple[Motion, Ends]:
     """Return the derivative [per forcing period] and the contacts at the end of a step."""
-    scene = args.scene
-    travel = args.travel(t)
-    at = forces_at(scene, frame, now, state)
-    wrench, _ = resultants(frame, [at.force * w for w in wrench_directions(scene, at, travel)])
-    rates = per_period(travel, newton_euler(scene, state.motion, wrench, travel))
-    return rates, Ends(now.gap, now.rate, turning, at.force, wrench)
+    at = forces_at(args.scene, frame, now, state)
+    directions = wrench_directions(args.scene, at, args.travel(t))
+    wrench, _ = resultants(frame, [at.force * d for d in directions])
+    return _rates(args, t, state.motion, wrench), Ends(now.gap, now.rate, turning, at.force, wrench)
 
 
 class _Path(NamedTuple):
