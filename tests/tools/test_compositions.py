@@ -26,16 +26,16 @@ def loop_in(form):
         total, other = form.sums(a * WEIGHTS, b * b * WEIGHTS)
         return (0.3 * jnp.stack([total, form.store_cotangent(form.store(other))]), rate), None
 
-    def run(rate):
+    def run(first, rate):
         steps = lambda carry: jax.lax.scan(step, carry, jnp.arange(2.0))[0]
         period = lambda carry, _: (form.in_one_kernel(steps, carry), None)
-        first = jnp.array([0.3, 0.5]) + 0.0 * rate
         (x, _), _ = jax.lax.scan(period, (first, rate), None, 2)
         return {"end": x, "count": jnp.asarray(2)}
 
     def number(rate):
+        first = rate * jnp.array([0.3, 0.5])
         # with a value that the function closes over, besides the argument
-        end = by_jacobian(lambda: run(rate)) if form is fast else run(rate)
+        end = by_jacobian(lambda first: run(first, rate), first) if form is fast else run(first, rate)
         return jnp.sum(end["end"])
 
     return number
