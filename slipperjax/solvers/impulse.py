@@ -205,25 +205,17 @@ def _corrected(
     if m.modes is not None:
         # modes have unit mass
         compliance = [*compliance, seconds]
-    if memory is None:
-        rate = store(rate)
-    else:
-        # compliance of each point along its normal
-        own = sum(c * d**2 for c, d in zip(compliance, (*frame.normal[1:], *lever), strict=False))
-        if m.modes is not None:
-            own = own + seconds * modal_compliance(frame)
-        own = rails.compliance(frame, own)
-        # change of the rate by the force at the end, with the damping of touchdowns, over the step
-        rate, pressed = store((rate, own * scene.contact.force(gap, rate, jnp.ones_like(gap))))
+    # in the step of a touchdown the memory is still zero, and the damping is that at the touchdown
+    last = forces_at(scene, frame, Contacts(gap, rate, lever), State(m, memory))
+    rate, force = store((rate, last.force))
+    last = last._replace(force=force)
 
     path = _path(before, gap, rate, turning, seconds)
     place, length, touches, bends = _edge(scene, path, gap, rate, memory)
-    # in the step of a touchdown the memory is still zero, and the damping is that at the touchdown
-    last = forces_at(scene, frame, Contacts(gap, rate, lever), State(m, memory))
     rule = Quadrature(*(jnp.where(bends, *pair) for pair in zip(CROSSING, THROUGH, strict=True)))
     x = store_cotangent(place + length * rule.node)
-    force = contact_forces(scene, Contacts(path.gap.value(x), path.rate_at(x), lever), memory)
-    inside = store_cotangent(jnp.abs(length) * rule.weight * force)
+    at_node = contact_forces(scene, Contacts(path.gap.value(x), path.rate_at(x), lever), memory)
+    inside = store(jnp.abs(length) * rule.weight * at_node)
     # The directions of forces turn in the step. Forces act along the directions of the middle, but as by Simpson's
     # rule a sixth of the forces at the ends acts along the directions there.
     at_ends = jnp.abs(length) * rule.end - 1 / 6
@@ -254,9 +246,14 @@ def _corrected(
     settled, bending = rails.end(straight, *found)
     end = rails.moved(frame, settled, end)
     if memory is not None:
+        # compliance of each point along its normal
+        own = sum(c * d**2 for c, d in zip(compliance, (*frame.normal[1:], *lever), strict=False))
+        if m.modes is not None:
+            own = own + seconds * modal_compliance(frame)
+        own = rails.compliance(frame, own)
         faster = end.rate - rate
         nearer = (end.gap - gap) / seconds
-        at = _touchdown_rate(path, place, faster, nearer, pressed)
+        at = _touchdown_rate(path, place, faster, nearer, own * last.force)
         slowest = -scene.contact_memory.slowest
         at = jnp.where(touches & (at < slowest), at, slowest)
         memory = store_if_differentiated(jnp.where(touches, 1 / at, memory))
