@@ -27,7 +27,7 @@ from .continuation import Branch, check_found, followed
 from .degenerate import PointSearch, resonant_end
 from .events import NoSearch, resonance
 from .floquet import product, solve
-from .newton import AbstractEquations, Linearisation, NullVectors, newton, without_derivatives
+from .newton import AbstractEquations, Linearisation, NullVectors, constant, exact_zero, newton
 from .shooting import PeriodicMotions, Shot
 
 CRITICAL_MULTIPLIERS = {"LP": 1.0, "PD": -1.0, "NS": None}
@@ -118,17 +118,6 @@ class CriticalMotions(AbstractExtended):
             (unit(w), unit(v)),
         )
 
-    def defect(self, z: Array, null_vectors: tuple[Array, Array]) -> Array:
-        """Return the residual with fixed null vectors, which has the derivatives of the exact equations. Pure."""
-        of = self.of_motion(z)
-        scale = self._scale(of)
-        mu = self.multiplier(z)
-        left, right = jax.lax.stop_gradient(null_vectors)
-        miss = jnp.vdot(left * scale, self._pushed(of, right / scale) - mu * right / scale)
-        # w and v are multiples of the null vectors: left and right have length one
-        factor = jnp.vdot(left, self.left) * jnp.vdot(self.right, right)
-        return jnp.concatenate([self.motions.mapped(of) - of[: self.size], self._parts(-miss / factor)])
-
     def update(self, z: Array | np.ndarray, null_vectors: NullVectors) -> "CriticalMotions":
         """Return the equations with the null vectors of a point as borders."""
         left, right = map(jnp.asarray, null_vectors)  # type: ignore[arg-type]
@@ -185,8 +174,8 @@ def critical_motion(
 ) -> CriticalMotion:
     """Return the fold, flip or Neimark-Sacker near a motion, by Newton's method on extended equations. Pure.
 
-    The result has the derivatives of the exact solution with respect to all numbers of `motions`, in forward and
-    reverse mode: d(value)/d(number) is the sensitivity of the bifurcation.
+    The result has the derivatives of the exact solution with respect to all numbers of `motions`, of any order, in
+    forward and reverse mode: d(value)/d(number) is the sensitivity of the bifurcation.
 
     **Arguments:** `motions`: of one parameter; `label`: "LP", "PD" or "NS"; `state`, `value`: first guess of the
     motion and the parameter; `angle`: first guess of the multiplier's angle [rad], for "NS".
@@ -205,16 +194,14 @@ def critical_motion(
 
 def _critical(exact: PeriodicMotions, static: tuple, z: Array, tolerance: Array) -> tuple:
     label, differentiable = static
-    begin = CriticalMotions.of(without_derivatives(exact), label)
-    guess = jax.lax.stop_gradient(z)
-    root = newton(begin, guess, tolerance=tolerance, iterations=20, updates=BORDER_UPDATES)
+    begin = CriticalMotions.of(exact, label)
+    root = constant(lambda: newton(begin, z, tolerance=tolerance, iterations=20, updates=BORDER_UPDATES))
     z = root.z
     now = root.linearisation
     equations = root.equations
     if differentiable:
-        # a Newton step of length zero, whose derivatives are those of the exact solution
-        miss = dataclasses.replace(equations, motions=exact).defect(z, now.null_vectors)
-        z = z - solve(now.jacobian, miss - jax.lax.stop_gradient(miss))
+        equations = dataclasses.replace(equations, motions=exact)
+        z = exact_zero(lambda z: equations.evaluate(z).residual, z, now.jacobian)
     return z, root.residual, root.iterations, now.matrices, equations.multiplier(z)
 
 

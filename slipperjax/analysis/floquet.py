@@ -98,13 +98,30 @@ def multipliers(
     doi:10.1142/S0218127401003486). Inside `jax.jit` and other transformations the product is formed.
     """
     if is_traced(matrices):
-        mu = jnp.linalg.eigvals(product(matrices)).astype(complex)
+        mu, _ = _eigenpairs(product(matrices))
         return mu[jnp.argsort(-jnp.abs(mu))]
     matrices = numbers("matrices", matrices, 3)
     # a single matrix needs no separation, and NaN cannot be separated
     blocks = [matrices] if len(matrices) == 1 or not np.all(np.isfinite(matrices)) else _blocks(matrices)
     mu = np.concatenate([_eigenvalues(product(block)) for block in blocks])
     return mu[np.argsort(-np.abs(mu), kind="stable")]
+
+
+@jax.custom_jvp
+def _eigenpairs(matrix):
+    """Return eigenvalues and right eigenvectors; the derivatives of vectors are those of any scale of the vectors."""
+    values, vectors = jnp.linalg.eig(matrix)
+    return values.astype(complex), vectors.astype(complex)
+
+
+@_eigenpairs.defjvp
+def _(primals, tangents):
+    values, vectors = _eigenpairs(*primals)
+    change = solve(vectors, jnp.eye(len(values), dtype=complex)) @ tangents[0] @ vectors
+    # equal eigenvalues have no derivatives of their vectors
+    apart = values[None] - values[:, None]
+    turn = jnp.where(apart == 0, 0.0, change / jnp.where(apart == 0, 1.0, apart))
+    return (values, vectors), (jnp.diagonal(change), vectors @ turn)
 
 
 def _after(earlier, later):

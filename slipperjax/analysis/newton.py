@@ -4,6 +4,7 @@ Periodic motions, points of curves and bifurcations are zeros of `AbstractEquati
 """
 
 import abc
+from collections.abc import Callable
 from typing import NamedTuple
 
 import equinox as eqx
@@ -185,3 +186,46 @@ def weighted_size(residual: Array, weights: Array) -> Array:
 def without_derivatives(tree: PyTree) -> PyTree:
     """Return a pytree whose arrays pass no derivatives."""
     return jax.tree.map(lambda a: jax.lax.stop_gradient(a) if eqx.is_array(a) else a, tree)
+
+
+def constant(fun: Callable[[], PyTree]) -> PyTree:
+    """Return `fun()`, whose arrays have no derivatives by what `fun` closes over. Pure."""
+    return without_derivatives(eqx.filter_closure_convert(fun))()
+
+
+def exact_zero(residual: Callable[[Array], Array], z: Array, jacobian: Array) -> Array:
+    """Return z, a zero of `residual`, with its derivatives by all numbers that `residual` closes over. Pure.
+
+    The derivatives are those of the implicit function, of any order, in both modes.
+
+    **Arguments:** `jacobian`: of the residual at z, without derivatives; first derivatives need no other.
+    """
+    return _zero(eqx.filter_closure_convert(residual, z), *without_derivatives((z, jacobian)))
+
+
+@eqx.filter_custom_jvp
+def _zero(residual, z, jacobian):
+    return z
+
+
+@_zero.def_jvp
+def _(primals, tangents):
+    residual, z, jacobian = primals
+    # the zero again, and a Jacobian with derivatives, so that the slope has derivatives, too
+    z = _zero(residual, z, jacobian)
+    jacobian = _known(residual, z, jacobian)
+    _, miss = eqx.filter_jvp(lambda residual: residual(z), (residual,), (tangents[0],))
+    # by the inverse, because elimination of both sides together is not linear in the right one, as reverse mode needs
+    return z, -solve(jacobian, jnp.eye(z.size)) @ miss
+
+
+@eqx.filter_custom_jvp
+def _known(residual, z, jacobian):
+    return jacobian
+
+
+@_known.def_jvp
+def _(primals, tangents):
+    residual, z, _ = primals
+    _, change = eqx.filter_jvp(lambda residual, z: jax.jacfwd(residual)(z), (residual, z), tangents[:2])
+    return _known(*primals), change

@@ -59,6 +59,12 @@ def test_derivatives_in_forward_mode_under_jit_and_vmap():
     np.testing.assert_allclose(several, -1.5 * (1 - at), rtol=0, atol=1e-9)  # measured: 2e-12
 
 
+def test_the_second_derivative_of_a_flip():
+    second = jax.jacfwd(jax.jacfwd(lambda b: henon_motion(b, "PD").value))(jnp.asarray(0.3))
+    np.testing.assert_allclose(second, jax.hessian(HENON_AT["PD"])(0.3), rtol=0, atol=1e-9)
+    # measured: 1e-14
+
+
 @pytest.mark.full
 @pytest.mark.parametrize(("c", "mode"), [(0.0, jax.jacrev), (0.2, jax.jacfwd)])
 def test_a_neimark_sacker_and_its_derivatives(c, mode):

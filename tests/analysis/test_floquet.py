@@ -142,3 +142,12 @@ def test_an_impact_oscillators_orbit_and_multipliers(frequency, gap):
     exact = np.linalg.eigvals(through @ np.array([[-restitution, 0.0], [jump, -restitution]]))
     # measured: 4e-14
     np.testing.assert_allclose(sort(multipliers(np.asarray(found.matrices))), sort(exact), rtol=0, atol=1e-11)
+
+
+def test_second_derivatives_of_multipliers():
+    """The largest multiplier is the root of a quadratic; the third one is 0.1 for any a."""
+    matrix = lambda a: jnp.array([[a, 2.0, 0.0], [1.0, 0.5, 0.0], [0.0, 1.0, 0.1]])
+    found = lambda a: multipliers(jnp.stack([matrix(a), jnp.eye(3)])).real[0]
+    exact = lambda a: (a + 0.5) / 2 + jnp.sqrt((a - 0.5) ** 2 / 4 + 2.0)
+    for derivative in (jax.jit, jax.jacrev, lambda f: jax.jacfwd(jax.jacrev(f))):
+        np.testing.assert_allclose(derivative(found)(1.3), derivative(exact)(1.3), rtol=1e-12)  # measured: 5e-16

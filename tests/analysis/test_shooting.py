@@ -53,6 +53,19 @@ def test_derivatives_are_those_of_the_exact_motion():
         np.testing.assert_allclose(slopes, [jax.grad(exact)(d) for d in several], rtol=1e-12)
 
 
+@pytest.mark.parametrize("modes", [(jax.jacfwd, jax.jacfwd), (jax.jacfwd, jax.grad), (jax.grad, jax.grad)])
+def test_second_derivatives_are_those_of_the_exact_motion(modes):
+    """The fixed point 1 - 1 / r of the logistic map, by a number of a module and by one that a function holds."""
+    outer, inner = modes
+    start = jnp.array([0.69])
+    module = lambda r: shoot(LOGISTIC(r), start).state[0]
+    function = lambda r: shoot(lambda s, k: r * s * (1 - s), start).state[0]
+    rate = jnp.asarray(3.2)
+    for motion in (module, function):
+        np.testing.assert_allclose(inner(motion)(rate), 1 / 3.2**2, rtol=1e-12)  # measured: 2e-16
+        np.testing.assert_allclose(outer(inner(motion))(rate), -2 / 3.2**3, rtol=1e-12)  # measured: 4e-16
+
+
 def test_logistic_orbits_and_multipliers():
     rate = 3.3
     found = shoot(LOGISTIC(jnp.asarray(rate)), jnp.asarray([0.4]), intervals=2)
