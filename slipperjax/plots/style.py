@@ -452,9 +452,33 @@ def fit_scale(ax: Axes, values: np.ndarray) -> None:
         set_log_ticks(ax.yaxis)
 
 
+class PlainTicks(LogLocator):
+    """Ticks at 1, 2, 5, 10, ... where the axis has space for their labels, and otherwise at powers of ten.
+
+    matplotlib leaves out powers of ten where even these need more space than the axis has.
+    """
+
+    def tick_values(self, vmin: float, vmax: float) -> Any:
+        space = 9 if self.axis is None else self.axis.get_tick_space()
+        self.set_params(subs=(1, 2, 5))
+        fine = super().tick_values(vmin, vmax)
+        # matplotlib returns no ticks of this kind where it must leave out powers of ten
+        if 2 <= _within(fine, vmin, vmax) <= space:
+            return fine
+        self.set_params(subs=(1,))
+        powers = super().tick_values(vmin, vmax)
+        return powers if _within(powers, vmin, vmax) >= 2 else fine
+
+
+def _within(ticks: np.ndarray, vmin: float, vmax: float) -> int:
+    """Return how many ticks lie within the limits of an axis, where alone matplotlib draws them."""
+    low, high = sorted((vmin, vmax))
+    return int(np.sum((low <= ticks) & (ticks <= high)))
+
+
 def set_log_ticks(axis: Axis) -> None:
-    """Label a logarithmic axis with plain numbers at 1, 2, 5, 10, ..."""
-    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    """Label a logarithmic axis with plain numbers, see `PlainTicks`."""
+    axis.set_major_locator(PlainTicks())
     axis.set_major_formatter("{x:g}")
     axis.set_minor_locator(NullLocator())
 

@@ -1,13 +1,14 @@
 """The style of pictures and what a user changes of it, and pictures as files."""
 
 import re
+from itertools import pairwise
 
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
 from slipperjax import plots
-from slipperjax.plots.style import COLORS, content_of, entitle, png
+from slipperjax.plots.style import COLORS, color_bar, color_norm, content_of, entitle, fit_scale, png
 from slipperjax.plots.sweeps import of_sweep
 
 from .shown import drawn, legend, marked
@@ -78,6 +79,27 @@ def test_wrong_styles_are_named(wrong, words):
     with pytest.raises(ValueError, match=f"^Argument {words}"), plots.styled(**wrong):
         pass
     assert dict(plt.rcParams) == before
+
+
+@pytest.mark.parametrize("height", [0.6, 1.1, 3.0])
+@pytest.mark.parametrize("top", [9.0, 150.0, 1e3, 1e5, 1e8, 1e12])
+def test_logarithmic_axes_have_labels_which_do_not_touch(height, top):
+    with plots.styled():
+        figure, ax = plt.subplots(figsize=(3.5, height + 0.6))
+        values = np.geomspace(1.0, top, 9)
+        color_bar(ax, ax.scatter(values, values, c=values, norm=color_norm(values)), "force [N]")
+        fit_scale(ax, values)
+        figure.draw_without_rendering()
+    for axis in (one.yaxis for one in figure.axes):
+        low, high = axis.get_view_interval()
+        texts = [tick.label1 if axis is ax.yaxis else tick.label2 for tick in axis.get_major_ticks()]
+        boxes = [
+            text.get_window_extent()
+            for text, at in zip(texts, axis.get_majorticklocs(), strict=True)
+            if low <= at <= high
+        ]
+        assert len(boxes) >= 2
+        assert all(below.y1 < above.y0 for below, above in pairwise(boxes))
 
 
 def test_files_keep_text_and_fonts_and_close_their_figures():
