@@ -5,8 +5,17 @@ import pandas as pd
 import xarray as xr
 
 from ..analysis.kinds import REGIMES, lasting
+from ..flow.datasets import SCENE_NUMBER
 from ..flow.status import counted, is_lost
+from ..model.quantities import POINT_DIMS
+from ..plots.runs import PEAKS
 from ..plots.style import Units, shown_columns
+from ..tools.checks import warn
+from ..tools.files import first_ones
+from .run_tables import over_points
+
+PLACES = ("peak_period", *(peak.place for peak in PEAKS.values()))
+"""Places of highest values, which belong to one contact point or slipper: the highest place means nothing."""
 
 
 def summary(ds: xr.Dataset, units: Units = None) -> list[str]:
@@ -41,6 +50,29 @@ def summary_of_runs(ds: xr.Dataset, units: Units = None) -> list[str]:
 
 
 def tables(ds: xr.Dataset, units: Units = None) -> dict[str, pd.DataFrame]:
-    """Return a row for each case."""
+    """Return a row for each case. A warning names the variables that are left out, because they have many values in
+    each case."""
     name = "runs" if "distance" in ds.dims else "cases"
-    return {name: shown_columns(ds, *map(str, ds["status"].dims), units=units)}
+    dims = list(map(str, ds["status"].dims))
+    ds = _numbers_of_cases(ds)
+    left = [str(name) for name, values in ds.data_vars.items() if set(values.dims) != set(dims)]
+    if left:
+        warn(f"The table leaves out {first_ones(left)}, with several values in each case; a file .nc has all values.")
+    return {name: shown_columns(ds, *dims, units=units)}
+
+
+def _numbers_of_cases(ds: xr.Dataset) -> xr.Dataset:
+    """Return a dataset where each case has one number of all contact points, and the largest of several exponents, as
+    in pictures."""
+    # the checksum of a scene means something only next to the scene, which tables do not have
+    ds = ds.drop_vars(SCENE_NUMBER, errors="ignore")
+    if "count" in ds.dims:
+        ds = ds.isel(count=0, drop=True)
+    of_points = {*ds["status"].dims, *POINT_DIMS}
+    return ds.assign(
+        {
+            name: over_points(values)
+            for name, values in ds.data_vars.items()
+            if set(values.dims) <= of_points and values.dtype.kind in "fiu" and name not in PLACES
+        }
+    )

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 
 from ..flow.status import Status
-from ..model.quantities import point_dims
+from ..model.quantities import highest_of_points, point_dims
 from ..plots.runs import PEAKS, RunView, edges_of, highest_forces, speed_name, stretch_of_windows
 
 SUMMED = ("impacts", "impulse", "friction_work")
@@ -63,8 +64,7 @@ def of_windows(view: RunView) -> pd.DataFrame:
         if "sample" in values.dims:
             continue
         if "point" in values.dims:
-            joined = values.sum if name in SUMMED else values.max
-            values = joined(point_dims(values), skipna=False)
+            values = over_points(values)
         # one column for each direction or other label
         others = [dim for dim in values.dims if dim != "distance"]
         for labels in itertools.product(*(values[dim].values for dim in others)):
@@ -75,6 +75,17 @@ def of_windows(view: RunView) -> pd.DataFrame:
         if values.dims == ("stretch",) and str(name).startswith("rms_"):
             columns[str(name)] = values.values[stretch_of_windows(ds)]
     return pd.DataFrame(columns)
+
+
+def over_points(values: xr.DataArray) -> xr.DataArray:
+    """Return the number of all contact points or slippers together: the sum for `SUMMED`, otherwise the highest.
+
+    Of net loads it is the greatest magnitude. It is NaN where any value is NaN.
+    """
+    if not point_dims(values):
+        return values
+    joined = values.sum(point_dims(values), skipna=False) if values.name in SUMMED else highest_of_points(values)
+    return joined.assign_attrs(values.attrs)
 
 
 def of_hundreds(windows: pd.DataFrame) -> pd.DataFrame:

@@ -5,6 +5,7 @@ import pickle
 
 import matplotlib.pyplot as plt
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 
@@ -84,6 +85,32 @@ def test_results_say_themselves_and_what_they_have():
     ]
     assert "2 cases, 40 steps per period" in result._repr_html_()
     assert "peak_force" in result._repr_html_()
+
+
+def test_tables_of_cases_join_points_and_name_what_they_leave_out():
+    result = over(
+        "speed", peak_force=["end", "point"], peak_period=["end", "point"], exponent=["count"], v_y=["crossing"]
+    )
+    forces = np.array([[[1.0, 2.0], [3.0, 4.0]], [[1.0, np.nan], [5.0, 6.0]]])
+    loads = dict(
+        impulse=(("speed", "end", "point"), forces, {"units": "N s"}),
+        peak_force=(("speed", "end", "point"), 1e3 * forces),
+        peak_slipper_force=(("speed", "axis"), [[1e3, -3e3], [1e3, 2e3]]),
+        exponent=(("speed", "count"), [[0.5, 0.0], [0.1, -0.2]]),
+    )
+    given = sj.Result(result.ds.assign(loads).assign_coords(speed=[1.0, 2.0], scene_number=("speed", [1e9, 1e9])))
+    with pytest.warns(UserWarning, match=r"^The table leaves out peak_period and v_y, with several values in each"):
+        table = given.tables()["cases"]
+    wanted = {
+        "speed [m/s]": [1.0, 2.0],
+        "peak_force [kN]": [4.0, np.nan],
+        "exponent": [0.5, 0.1],
+        "status": [0, 0],
+        "steps_per_period": [40, 40],
+        "impulse [N s]": [10.0, np.nan],
+        "peak_slipper_force [kN]": [3.0, 2.0],
+    }
+    pd.testing.assert_frame_equal(table, pd.DataFrame(wanted), check_like=True)
 
 
 def test_each_question_has_a_kind_of_result_and_datasets_of_others_are_refused():
