@@ -335,11 +335,20 @@ class _Recurrence:
         if gap < 0.05 * self.extent / self.periods:
             bunch = f"the states bunch: a period above {self.lags[-1]}, or one not reached yet"
             return unresolved(f"{facts}, but {bunch}")
-        rates = np.array([self.fit(n, self.floor).rate for n in self.lags])
-        # on a slow spiral into a fixed point, residuals over all lags decay together
-        spiral = np.std(rates) < 0.3 * abs(np.mean(rates))
-        if _drift(self.states) > 0.01 or mixing > 3 or spiral:
-            return unresolved(f"{facts}, but the states still drift or spiral")
+        fits = [self.fit(n, self.floor) for n in self.lags]
+        rates = np.array([fit.rate for fit in fits])
+        # On a slow spiral into a fixed point, residuals over all lags decay together. Those of a rigid rotation do not
+        # change, and their rates are rounding errors.
+        together = np.std(rates) < 0.3 * abs(np.mean(rates))
+        falls = abs(np.mean([fit.fall for fit in fits]))
+        halves = f"{mixing:.2g} times as far from those of the first half as from each other"
+        reasons = {
+            "the states still drift": _drift(self.states) > 0.01,
+            f"states of the second half are {halves}: a slow drift, or a torus near a long period": mixing > 3,
+            "the states still spiral: residuals over all lags change together": together and falls > self.tolerance,
+        }
+        if any(reasons.values()):
+            return unresolved(f"{facts}, but {', and '.join(text for text, holds in reasons.items() if holds)}")
         text = f"{facts}, no recurrence up to {self.lags[-1]} periods, no decay, no drift"
         return self.result(Regime.REGULAR, self.best, text)
 

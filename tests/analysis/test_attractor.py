@@ -164,6 +164,19 @@ def test_tori():
     assert classify(torus(3 / 11)).period == 11
 
 
+def test_motions_that_are_no_torus_have_the_true_reason():
+    turn = np.arange(4000)[:, None] * (np.pi - 3) * 2 * np.pi
+    # close to 16 turns in 113 periods: 4000 periods show this, and 1000 do not
+    rigid = np.hstack([np.cos(turn), np.sin(turn)])
+    assert classify(rigid[:1000]).kind == "torus"
+    reason = "but states of the second half are 9 times as far from those of the first half as from each other: "
+    assert str(classify(rigid).evidence).endswith(f"{reason}a slow drift, or a torus near a long period")
+    assert "but the states still drift" in str(
+        classify(torus(GOLDEN, 1000) + np.linspace(0, 0.05, 1000)[:, None]).evidence
+    )
+    assert "residuals over all lags change together" in str(classify(spiral(1e-4, 2.0, 1000)).evidence)
+
+
 def test_neimark_sacker_bifurcation():
     # x_{k+1} = a x_k (1 - x_{k-1}): a torus bifurcates from the fixed point at a = 2, and locks to 7 periods at 2.2
     rates = {1.95: "period 1", 2.0: "unresolved", 2.05: "torus", 2.15: "torus", 2.2: "period 7", 2.27: "chaotic"}
