@@ -337,8 +337,8 @@ class _Recurrence:
             return unresolved(f"{facts}, but {bunch}")
         fits = [self.fit(n, self.floor) for n in self.lags]
         rates = np.array([fit.rate for fit in fits])
-        # On a slow spiral into a fixed point, residuals over all lags decay together. Those of a rigid rotation do not
-        # change, and their rates are rounding errors.
+        # On a slow spiral into a fixed point, residuals over all lags decay together. Those of a rigid rotation stay
+        # as they are, and their rates are rounding errors.
         together = np.std(rates) < 0.3 * abs(np.mean(rates))
         falls = abs(np.mean([fit.fall for fit in fits]))
         halves = f"{mixing:.2g} times as far from those of the first half as from each other"
