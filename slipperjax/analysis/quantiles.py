@@ -21,16 +21,18 @@ LEAST_BEYOND = 4
 1.8 %, so that order statistics bound a 95 % interval on both sides."""
 
 
-def check_quantile(quantile: object, rails: int) -> None:
+def check_quantile(quantile: object, rails: int, counted: str = "rails") -> None:
     """Refuse a quantile that needs more independent rails than there are; None means the mean.
+
+    **Arguments:** `counted`: the argument that is the number of rails, for the error.
 
     **Raises:** `ValueError` unless it is None or a share between 0 and 1, with `least_rails` or more.
     """
     good = quantile is None or (isinstance(quantile, int | float) and 0 < quantile < 1)
     require(good, "quantile", "be a share between 0 and 1, or None for the mean", quantile)
     least = least_rails(quantile)  # type: ignore[arg-type]
-    need = f"come with {least} or more rails" + f", {LEAST_BEYOND} of them beyond it" * (quantile is not None)
-    require(rails >= least, "quantile", need, shown=f"{quantile} with {rails}")
+    of = "a mean" if quantile is None else f"the quantile {quantile:g}, with {LEAST_BEYOND} of them beyond it"
+    require(rails >= least, counted, f"be {least} or more for {of}", rails)
 
 
 def least_rails(quantile: float | None) -> int:

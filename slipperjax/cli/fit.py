@@ -84,7 +84,7 @@ def fit(
 
     sensors = case.file.sensors if case.file else []
     path = click.get_current_context().params["scene"]
-    require(sensors, "FILE", "be a TOML file with tables [sensors.NAME]", path)
+    require(sensors, "FILE", "be a TOML file with tables [sensors.NAME]", shown=f"{path}, which has none")
     unknowns = bounds_of_each("--fit", case.scene, fit)
     unknowns |= {f"sensors.{name}": (low, high) for name, low, high in fit_sensor}
     require(unknowns, "--fit", "be given for one parameter or more", shown="missing")

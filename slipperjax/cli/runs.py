@@ -167,7 +167,7 @@ def _over_record(
     assert file is not None
     sensors = {sensor.name: sensor for sensor in file.sensors}
     path = click.get_current_context().params["scene"]
-    require(sensors, "FILE", "be a TOML file with tables [sensors.NAME]", path)
+    require(sensors, "FILE", "be a TOML file with tables [sensors.NAME]", shown=f"{path}, which has none")
     if name is None:
         require(len(sensors) == 1, "--sensor", f"be one of {', '.join(sensors)}", shown="missing")
         name = next(iter(sensors))

@@ -125,13 +125,14 @@ def body_numbers(m: Motion) -> list[Any]:
 
 
 def check_motion(name: str, motion: Motion) -> Motion:
-    """Return `motion`, whose coordinates must be finite numbers or traced; raises `ValueError` otherwise."""
+    """Return `motion`, whose coordinates must each be one finite number or traced; raises `ValueError` otherwise."""
     for part, value in vars(motion).items():
         # True and False pass, as 1 and 0
         single = part not in MOTION_NUMBERS or ((is_real(value) or isinstance(value, bool)) and not np.ndim(value))
-        finite = is_traced(value) or (single and all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(value)))
-        if not finite:
-            raise ValueError(f"Argument `{name}` must be finite, but its {part} is {brief(value)}.")
+        if is_traced(value) or (single and all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(value))):
+            continue
+        need = "be finite" if single else "have one finite number for each coordinate"
+        raise ValueError(f"Argument `{name}` must {need}, but its {part} is {brief(value)}.")
     return motion
 
 

@@ -148,8 +148,10 @@ class SpeedProgramme(ShapeChecked):
         speed.
         """
         rows = [(number(finite, "begin", begin, "m"), number(not_negative, "start", start, "m/s"), 0.0)]
+        given = tuple_of("stages", stages, Stage, "a list of slipperjax.Stage")
+        require(given, "stages", "have one stage or more", shown="none")
         # each stage begins where the stage before ended
-        for stage in tuple_of("stages", stages, Stage, "a list of slipperjax.Stage"):
+        for stage in given:
             place, speed, time = rows[-1]
             length, end, duration = stage.after(speed)
             rows.append((place + length, end, time + duration))

@@ -102,8 +102,9 @@ def compare(
     given = instance("quantiles", quantiles, Sequence, "a list of shares, such as [0.95]")
     shares = [number(finite, "quantiles", share) for share in given]
     one_of("mean_over", mean_over, ("distance", "time"))
+    counted = "starts" if rails == 1 and starts > 1 else "rails"
     for share in shares:
-        check_quantile(share, rails if rails > 1 else starts)
+        check_quantile(share, rails if rails > 1 else starts, counted)
     scene, of_rails = on_rails(scene, rails)
     require(isinstance(designs, Mapping), "designs", "name parameters with their values", designs)
     designs_of = Grid(scene, designs, product=product)
@@ -276,7 +277,7 @@ def over_rails(
     others = [name for name in values.dims if name != dim]
     rows = values.transpose(dim, *others)
     numbers = rows.values.reshape(len(rows), -1)
-    check_quantile(quantile, len(numbers))
+    check_quantile(quantile, len(numbers), f"values.sizes[{dim!r}]")
     lost = rows[dim].values[~whole_rails(numbers)]
     if len(lost):
         named = first_ones([f"{number:g}" for number in lost])
@@ -289,7 +290,7 @@ def over_rails(
     if finer is not None:
         # drawn together, so that both have the same rails in each resample
         pairs = np.concatenate([part.values.reshape(len(part), -1) for part in _same_rails(finer, rows, dim)], axis=1)
-        check_quantile(quantile, len(pairs))
+        check_quantile(quantile, len(pairs), f"finer.sizes[{dim!r}]")
         parts = _step_change(pairs[whole_rails(pairs)], quantile, **draws)
         change, error = (part.reshape(shape) for part in parts)
         data["step_change"] = column(others, change, "1", "relative change by more steps")

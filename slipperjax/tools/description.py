@@ -149,8 +149,8 @@ def build(description: object, bases: tuple[type, ...], where: str = "") -> Any:
         # fields with a default may be left out, as in files of older versions
         for name, default in taken.items():
             if default is inspect.Parameter.empty and name not in fields:
-                given = ", ".join(fields) or "nothing"
-                raise ValueError(f"Argument `{where}` must have `{name}`, but has only {given}.")
+                given = f"only {', '.join(fields)}" if fields else "nothing"
+                raise ValueError(f"Argument `{where}` must have `{name}`, but has {given}.")
         within = f"{where}." if where else ""
         return kind(**{name: build(part, bases, within + name) for name, part in fields.items()})
     if isinstance(description, list):

@@ -133,7 +133,9 @@ def test_rails_with_a_lost_run_are_left_out_in_all_cases():
 @pytest.mark.parametrize(("quantile", "least"), [(0.5, 8), (0.9, 40), (0.95, 80), (0.99, 400), (0.05, 80)])
 def test_four_rails_lie_beyond_a_quantile(quantile, least):
     check_quantile(quantile, least)
-    with pytest.raises(ValueError, match=f"must come with {least} or more rails, 4 of them beyond it"):
+    with pytest.raises(
+        ValueError, match=f"`rails` must be {least} or more for the quantile {quantile}, with 4 of them"
+    ):
         check_quantile(quantile, least - 1)
     # no interval by order statistics would have both ends with less than three
     beyond = max(quantile, 1 - quantile) ** least

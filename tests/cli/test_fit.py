@@ -80,4 +80,5 @@ def test_wrong_input_is_one_line(files, tmp_path, capsys):
     ):
         assert text in error_of([*files, *more, "--out", tmp_path / "x"], capsys), more
     files[1].write_text(SCENE.split("[sensors")[0])
-    assert "must be a TOML file with tables [sensors.NAME]" in error_of([*files, *bounds], capsys)
+    words = f"must be a TOML file with tables [sensors.NAME], but is {files[1]}, which has none."
+    assert words in error_of([*files, *bounds], capsys)

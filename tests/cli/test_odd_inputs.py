@@ -95,8 +95,8 @@ FINE = dict(solver=sj.solvers.Tsit5(), stepsize_controller=sj.solvers.AdaptiveSt
     ("`steps_per_period` must be given: the default", lambda: sj.simulate(PAPER.replace(restitution=1e-6), 3)),
     # starts
     ("`start` must be finite, but its w_y is inf", lambda: started(w_y=INF)),
-    ("`start` must be .* its v_z is", lambda: started(v_z=[0.5, 0.5])),
-    ("`start` must be .* its q_x is 'x'", lambda: sweep(start=sj.Motion(q_x="x"))),
+    ("`start` must have one finite number for each .* its v_z is", lambda: started(v_z=[0.5, 0.5])),
+    ("`start` must have .* its q_x is 'x'", lambda: sweep(start=sj.Motion(q_x="x"))),
     ("`state` must be .*, but is", lambda: sj.period_map(PAPER, sj.Motion())),
     # solvers, controllers, other options
     ("`solver` must be a solver, as in RK4.*, but is the class", lambda: simulate(solver=sj.solvers.RK4)),

@@ -189,7 +189,7 @@ RUN = '[run]\nlength = "5 m"\n'
     [
         ("", "must be a TOML file with a table [run], or a run, but is"),
         ("run = 5", "sled.toml, line 2: `run` must be a table, [run], but is 5."),
-        ("[run]", "sled.toml, line 2: Argument `run` must have `length`"),
+        ("[run]", "sled.toml, line 2: Argument `run` must have `length`, but has nothing."),
         ('[run]\nlength = "5 kg"', "sled.toml, line 3: `length` must be in a unit like m, but is in 'kg'"),
         ('[run]\nlength = ["5 m"]', "sled.toml, line 3: Argument `length` must be of shape ()"),
         (RUN + 'window = "0 m"', "sled.toml, line 4: Argument `window` must be positive, but is 0 m"),
@@ -295,13 +295,13 @@ def test_designs_are_compared_told_and_written(file, tmp_path, capsys):
         (["--margin", "3", "--over", "clearance", "0.8", "1"], "--margin must not come with --over, which makes no"),
         (["--share", "1/2", "--rails", "8"], "--share must come with --store, but is '1/2'"),
         (["--sensor", "box"], "Option --sensor must come with --measured"),
-        (["--measured", "none.csv"], "must be a TOML file with tables [sensors.NAME]"),
+        (["--measured", "none.csv"], "sled.toml, which has none."),
         (["--measured", "none.csv", "--over", "clearance", "0.8", "1"], "Option --measured must come without --over"),
         (["--over", "clearance", "0.8"], "have a parameter and two or more values"),
         (["--over", "clearence", "0.8", "1"], "Argument `clearence` is no parameter"),
         (
             ["--over", "clearance", "0.8", "1", "--rails", "32", "--starts", "4"],
-            "`quantile` must come with 80 or more",
+            "`rails` must be 80 or more for the quantile 0.95, with 4 of them beyond it, but is 32",
         ),
     ],
 )

@@ -59,7 +59,7 @@ def test_a_search_does_not_see_every_other_rail_of_a_set():
     assert MEDIAN.unseen(SCENE.track) == "along 80 rails that the search has not seen"
     scene = dataclasses.replace(SCENE, track=sj.model.TrackSet(surveys(20, 1e4)))
     assert ensemble_for(scene, MEDIAN) == MEDIAN
-    with pytest.raises(ValueError, match="must come with 80 or more rails, 4 of them beyond it"):
+    with pytest.raises(ValueError, match=r"must be 80 or more for the quantile 0\.95, with 4 of them beyond it"):
         ensemble_for(scene, RailEnsemble())
 
 
@@ -124,7 +124,10 @@ def test_bounds_limit_ensembles_too():
         (lambda: problem(EnsembleSettings()), "Argument `ensemble` must be a slipperjax.design.RailEnsemble"),
         (lambda: problem(RailEnsemble(periods=40)), "Argument `ensemble` must have at most 37 periods"),
         (lambda: RailEnsemble(quantile=2.0), "Argument `quantile` must be a share between 0 and 1"),
-        (lambda: RailEnsemble(rails=200, quantile=0.99), "must come with 400 or more rails, 4 of them beyond it"),
+        (
+            lambda: RailEnsemble(rails=200, quantile=0.99),
+            "must be 400 or more for the quantile 0.99, with 4 of them beyond it",
+        ),
     ],
 )
 def test_bad_questions_name_what_is_wrong(make, words):

@@ -244,7 +244,7 @@ BASE = 'base = "paper"\n'
         (BASE + '"a\\nb" = 1', "`a b` is none of base, speed"),
         (
             BASE + "[start]\nq_x = { values = [1.0], unit = 3 }",
-            "line 2: Argument `start` must be finite, but its q_x",
+            "line 2: Argument `start` must have one finite number for each coordinate, but its q_x",
         ),
         (BASE + '[track]\ntype = "TrackSet"\ntracks = 1979-05-27', "line 4: Argument `tracks` must be rails such as"),
         (BASE + f'[track]\ntype = "{"a" * 9999}"', "line 3: Argument `track.type` must be one of"),

@@ -155,6 +155,7 @@ BAD = {
     "`speed` must reach 1 m/s": over_time([0.0, 1.0], [0.0, 0.5]),
     NOISE: over_time([0.0, 1.0], [-3.0, 6.0]),
     "`speed` must have one value for each of two or more": over_time([0.0, 1.0], [6.0]),
+    "`stages` must have one stage or more, but has none": stages(),
     "`stages` must have a length, a duration or a speed each": stages(sj.Stage(9.0)),
     "`stages` must reach their speed from 50 m/s": stages(sj.Stage(-9.0, speed=90.0)),
     "must go on to their ends from 50 m/s, and not stop before": stages(sj.Stage(-90.0, length=99.0)),

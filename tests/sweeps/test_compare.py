@@ -215,12 +215,13 @@ def test_too_few_rails_have_no_quantile():
     assert " kN in the median, an unknown value in the 95 % quantile" in by_median
 
 
-BEYOND = "`quantile` must come with {} or more rails"
+BEYOND = "`{}` must be {} or more for the quantile {}, with 4 of them beyond it, but is {}"
 BAD = {
     # runs over one rail are not independent
-    f"{BEYOND.format(80)}, 4 of them beyond it, but is 0.95 with 32": dict(rails=32, starts=4),
-    f"Argument {BEYOND.format(8)}, 4 of them beyond it, but is 0.5 with 1": dict(rails=1),
-    BEYOND.format(40): dict(quantiles=(0.1,), rails=39),
+    BEYOND.format("rails", 80, 0.95, 32): dict(rails=32, starts=4),
+    BEYOND.format("rails", 8, 0.5, 1): dict(rails=1),
+    BEYOND.format("rails", 40, 0.1, 39): dict(quantiles=(0.1,), rails=39),
+    BEYOND.format("starts", 8, 0.5, 7): dict(rails=1, starts=7),
     "`record` must be the name of a number, such as peak_slipper_force, but is 'speed'": dict(record="speed"),
     "`record` must be a number that several windows have in common": dict(record="peak_slipper_distance"),
     "Argument `clearence` is no parameter": dict(designs={"clearence": [1e-3]}),
