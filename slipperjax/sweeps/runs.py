@@ -101,8 +101,8 @@ def run(
     - `start`: as for `simulate`, at `begin`, but by default "rest" on the rail, see `AtRest`. Without a store, also
         an earlier run: the new run continues from the earlier run's state at `begin`, by default from its end.
     - `steps_per_period`: integration steps per wavelength of the track (per 8 m on a track without waves), constant
-        along the run; by default the steps that the least speed of each window needs, times `refine`. Cases that need
-        nearly the same number of steps share the larger number, in one batch.
+        along the run, but 4 or more in each window; by default the steps that the least speed of each window needs,
+        times `refine`. Cases that need nearly the same number of steps share the larger number, in one batch.
     - `probe`: number of stretches at whose start half the step measures the error, over a wavelength of the track or
         8 m: `probe_error`, in multiples of `slipperjax.model.accuracy_scales` [1]; the status reports an error above
         a tenth.

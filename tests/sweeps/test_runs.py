@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
+from slipperjax.sweeps.runs import LEAST_STEPS_PER_WINDOW
 from slipperjax.sweeps.windows import BANDS, SAMPLES_PER_WINDOW, STRETCH, ThirdOctaves
 
 SCENE, STEPS, START = sj.paper_scene(), 50, sj.table_2_start()
@@ -69,6 +70,12 @@ def test_a_run_and_a_trajectory_go_on_from_where_another_one_ended(steady):
     lost = first.assign(state=np.nan * first["state"])
     with pytest.raises(ValueError, match="Argument `start` must be finite, but its y is"):
         sj.run(SCENE, length=8.0, start=lost)
+
+
+def test_the_least_number_of_steps_in_a_window_is_said():
+    assert f"constant along the run, but {LEAST_STEPS_PER_WINDOW} or more in each window" in " ".join(
+        str(sj.run.__doc__).split()
+    )
 
 
 @pytest.mark.full
