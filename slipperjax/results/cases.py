@@ -4,10 +4,11 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from ..analysis.kinds import REGIMES, lasting
+from ..analysis.kinds import KINDS, REGIMES, lasting
 from ..flow.datasets import SCENE_NUMBER
 from ..flow.status import counted, is_lost
 from ..model.quantities import POINT_DIMS
+from ..plots.maps import regimes_of
 from ..plots.runs import PEAKS
 from ..plots.style import Units, shown_columns
 from ..tools.checks import warn
@@ -39,6 +40,11 @@ def summary(ds: xr.Dataset, units: Units = None) -> list[str]:
         life = ds.get("least_mean_life", np.nan)
         found = [f"{int((ds['regime'] == name).sum())} {lasting(name, life)}" for name in REGIMES]
         lines.append(", ".join(found))
+    elif "kind" in ds:
+        # recurrence has a name for each kind, and cannot tell transient chaos
+        names = regimes_of(ds, *map(str, ds["status"].dims))
+        found = [f"{int(np.sum(names == name))} {name}" for name in REGIMES[: len(KINDS)]]
+        lines.append(f"by recurrence: {', '.join(found)}")
     return lines
 
 

@@ -84,6 +84,10 @@ def test_results_say_themselves_and_what_they_have():
         "  variables peak_force, status and steps_per_period; dimensions speed 2 and point 2",
     ]
     assert "2 cases, 40 steps per period" in result._repr_html_()
+    kinds = dict(kind=("speed", ["period", "unresolved"]), status=("speed", [1, 0]))
+    words = sj.Result(result.ds.assign(kinds)).summary()
+    # the motion of a flagged case is not known
+    assert words[2] == "by recurrence: 0 periodic, 0 regular, 0 chaotic, 2 unresolved"
     assert "peak_force" in result._repr_html_()
 
 
