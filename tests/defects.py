@@ -408,6 +408,9 @@ greatest rise for greatest drop | tests/studies/test_verdicts.py -k speeds_as_cl
 a part of a result is no result | tests/results/test_result.py -k at_hand
 -        return type(self)(self.ds.isel(*args, **kwargs))
 +        return self.ds.isel(*args, **kwargs)
+windows of a doubtful run are finite | tests/results/test_runs.py -k status_of_their_run
+-    return np.where(own == Status.FINITE, _code(ds), own)
++    return own if "window_status" in ds else np.full_like(own, _code(ds))
 tables overwrite each other | tests/results/test_runs.py -k files_hold
 -        more = f"_{name.replace(' ', '')}" if k else ""
 +        more = ""

@@ -54,7 +54,7 @@ class RunView(NamedTuple):
     ds: xr.Dataset
     """The run; numbers of lost windows, and of stretches with lost windows, are NaN."""
     codes: Int[np.ndarray, " windows"]
-    """`Status` of each window; where a run has none, the status of the run."""
+    """`Status` of each window: its own, or the status of the run where its own is `FINITE` or unknown."""
     scene: Scene | None
     units: ShownUnits
 
@@ -78,7 +78,7 @@ class RunView(NamedTuple):
         if "stretch" in ds.dims:
             ds = ds.isel(stretch=np.unique(stretch_of_windows(ds)))
         # titles also have these units
-        ds = in_units(_kept(ds, is_lost(codes)), chosen.units)
+        ds = in_units(_kept(ds, codes), chosen.units)
         return cls(ds, codes, scene, units_along(scene, chosen))
 
     @property
@@ -89,13 +89,12 @@ class RunView(NamedTuple):
     @property
     def flagged(self) -> list[tuple[float, float, Status]]:
         """Lengths of rail with their own status other than `FINITE`: both ends [m] and the status."""
-        # the status of the whole run is not repeated here
-        if np.all(self.codes == self.status):
-            return []
         edges = edges_of(self.ds, "distance").tolist()
         first = np.flatnonzero(np.diff(self.codes, prepend=-1))
         spans = zip(first, [*first[1:], len(self.codes)], map(Status, self.codes[first]), strict=True)
-        return [(edges[begin], edges[end], status) for begin, end, status in spans if status != Status.FINITE]
+        # the status of the whole run is not repeated here
+        known = (Status.FINITE, self.status)
+        return [(edges[begin], edges[end], status) for begin, end, status in spans if status not in known]
 
     def quantity(self, name: str) -> Quantity:
         """Return a quantity with its shown unit."""
@@ -196,13 +195,23 @@ def edges_of(ds: xr.Dataset, along: str) -> np.ndarray:
 
 
 def _codes(ds: xr.Dataset) -> Int[np.ndarray, " windows"]:
-    """Return the `Status` of each window of a run, by default the status of the run, if any."""
-    code = int(ds.get("status", int(Status.FINITE)))
-    return ds.get("window_status", xr.full_like(ds["distance"], code, int)).values
+    """Return the `Status` of each window of a run: its own, or the status of the run where its own is `FINITE`.
+
+    Windows know only whether the sled is too slow there. All other problems are those of the whole run.
+    """
+    own = ds.get("window_status", xr.full_like(ds["distance"], Status.FINITE, int)).values
+    return np.where(own == Status.FINITE, _code(ds), own)
 
 
-def _kept(ds: xr.Dataset, lost: np.ndarray) -> xr.Dataset:
-    """Return a run without the numbers of the windows that are `lost`, and of stretches with such windows."""
+def _code(ds: xr.Dataset) -> int:
+    """Return the `Status` of a whole run; `FINITE` where it has none."""
+    return int(ds.get("status", int(Status.FINITE)))
+
+
+def _kept(ds: xr.Dataset, codes: Int[np.ndarray, " windows"]) -> xr.Dataset:
+    """Return a run without the numbers of lost windows, by their `codes`, and of stretches with such windows."""
+    # a window that is too slow is also lost with its run
+    lost = is_lost(codes) | is_lost(_code(ds))
     if not lost.any():
         return ds
     good = {"distance": ~lost}
@@ -419,7 +428,7 @@ def passing(
             ax.plot(x, y, color="#c4c4c4", label="constant speed", **style)
         for k, one in enumerate(several):
             speed = one[speed_name(one)].values
-            values = highest(_kept(one, is_lost(_codes(one))), quantity, "distance")
+            values = highest(_kept(one, _codes(one)), quantity, "distance")
             # acceleration from speeds over distance
             rate = np.gradient(speed**2) / (2 * one.attrs["window [m]"])  # v dv/dx
             # windows at a constant speed belong to neither direction

@@ -149,6 +149,9 @@ def test_windows_are_drawn_over_their_speed_by_the_way_it_goes():
         np.testing.assert_allclose(way[:, 1], 1e-2 * way[:, 0])
     ax = plots.passing(climbed(rms_a_z=("distance", np.ones(640), {"units": "m/s^2"})), quantity="rms_a_z")
     assert (ax.get_ylabel(), drawn(ax.lines[0])[0, 1]) == ("rms a z [m/s$^{2}$]", 1.0)
+    # windows of a lost run have no numbers
+    lost = climbed(status=((), 7), window_status=("distance", np.zeros(640, int)))
+    assert np.isnan(drawn(plots.passing(lost).lines[0])[:, 1]).all()
 
 
 def test_several_runs_pass_over_branches_and_constant_speeds():

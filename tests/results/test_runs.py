@@ -16,7 +16,7 @@ from slipperjax.results.runs import report, summary, tables
 from slipperjax.results.writing import WIDTH
 
 from ..plots.shown import legend
-from ..plots.test_runs import BEGIN, WINDOWS, made
+from ..plots.test_runs import BEGIN, WINDOWS, heights, made
 
 FEET = ("ft", "lbf", "g")
 SCENE = sj.paper_scene()
@@ -213,11 +213,33 @@ def test_windows_that_are_lost_are_named_and_left_out():
     kept = 6 * (sum(range(WINDOWS)) - sum(range(120, 130)))
     assert f"{kept} impacts, {kept / 2.4:.4g} per second" in lines
     hundreds = tables(ds)["100 m"]
-    assert hundreds["status"].tolist() == ["finite", "finite, too few steps", "finite"]
+    # other windows have the status of the run
+    assert hundreds["status"].tolist() == ["inaccurate", "inaccurate, too few steps", "inaccurate"]
     assert hundreds["impacts"].isna().tolist() == hundreds["peak_force [kN]"].isna().tolist() == [False, True, False]
     # many lengths are counted
     codes[::10] = sj.Status.DERAILED
     assert summary(ds)[9] == "and 18 further lengths with a status"
+
+
+@pytest.mark.parametrize("name", ["NOT_FINITE", "NOT_RUN", "INACCURATE"])
+def test_windows_that_are_not_too_slow_have_the_status_of_their_run(name):
+    """As of a speed over time, whose windows know only whether the sled is too slow there."""
+    code, said = sj.Status[name], name.lower().replace("_", " ")
+    own = np.zeros(WINDOWS, int)
+    own[:10] = sj.Status.TOO_SLOW
+    ds = run(int(code)).assign(window_status=("distance", own))
+    view = RunView.of(ds)
+    assert view.codes.tolist() == 10 * [sj.Status.TOO_SLOW] + (WINDOWS - 10) * [code]
+    # the status of the run is not repeated for lengths of rail
+    assert view.flagged == [(100.0, 110.0, sj.Status.TOO_SLOW)]
+    made = tables(ds)
+    assert made["windows"]["status"].tolist() == 10 * ["too slow"] + (WINDOWS - 10) * [said]
+    assert made["100 m"]["status"].tolist() == [f"too slow, {said}", said, said]
+    # no window of a lost run has numbers, also where the sled is too slow
+    lost = code != sj.Status.INACCURATE
+    assert made["windows"]["peak_force [kN]"].isna().tolist() == WINDOWS * [lost]
+    drawn, _ = heights(plots.run_overview(ds)[3])[0]
+    assert np.isnan(drawn).tolist() == WINDOWS * [lost]
 
 
 def test_wrong_files_and_units_are_one_line(tmp_path):
