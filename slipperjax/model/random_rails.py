@@ -12,7 +12,7 @@ from typing import ClassVar
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ..tools.checks import (
     Check,
@@ -274,6 +274,13 @@ class RandomTrack(AbstractRail):
         """Return this seed's rail as a spline, by one Fourier transform for each direction."""
         return self.spline()
 
+    @property
+    def _wave_numbers(self) -> Int[np.ndarray, " waves"]:
+        """Numbers of the random waves in the rail's length: of all whole numbers, those in the band."""
+        numbers = np.arange(2 + int(self.length / self.band[0]))
+        wavenumbers = numbers / self.length
+        return numbers[(wavenumbers >= 1 / self.band[1]) & (wavenumbers <= 1 / self.band[0])]
+
     @with_standard_promotion
     def spline(self, correlation: Float[Array, ""] | None = None) -> SplineTrack:
         """Return this seed's rail as a spline, or with a `correlation` [1] a second rail.
@@ -283,10 +290,8 @@ class RandomTrack(AbstractRail):
         """
         # with eight samples in the shortest wave, the spline changes this wave by a thousandth
         count = 2 * int(np.ceil(8 * self.length / self.band[0] / 2))
-        wavenumbers = np.arange(count // 2 + 1) / self.length
-        inside = (wavenumbers >= 1 / self.band[1]) & (wavenumbers <= 1 / self.band[0])
-        first, last = np.flatnonzero(inside)[[0, -1]]
-        k = jnp.asarray(wavenumbers[first : last + 1])
+        numbers = self._wave_numbers
+        k = jnp.asarray(numbers / self.length)
         spacing = self.length / count
         # a spline whose coefficients are a wave of amplitude 1 is the same wave with this amplitude
         share = (2 + jnp.cos(2 * jnp.pi * spacing * k)) / 3
@@ -297,7 +302,7 @@ class RandomTrack(AbstractRail):
                 return jnp.zeros(count + 3)
             # amplitudes from the variance in each wavenumber's share of the band
             waves = jnp.sqrt(spectrum.density(k) / self.length) / share * (deviates[0] - 1j * deviates[1])
-            every = jnp.zeros(count // 2 + 1, complex).at[first : last + 1].set(waves)
+            every = jnp.zeros(count // 2 + 1, complex).at[numbers[0] : numbers[-1] + 1].set(waves)
             around = jnp.fft.irfft(every, n=count) * count / 2
             return jnp.concatenate([around[-1:], around, around[:2]])
 
@@ -340,8 +345,25 @@ class RandomTrack(AbstractRail):
 
     def rms(self, power: int = 0) -> Irregularity:
         """Return the root mean squares of displacements [m] and roll [rad], of spectra and lines together, or of the
-        derivatives of the order `power`."""
-        random = self._random_rms(power)
+        derivatives of the order `power`, over all seeds.
+
+        They are those of the rail's own random waves, of which a whole number is in its length. On a short rail they
+        exceed the integral of the spectrum over the band, because the longest wave has its whole share of the
+        spectrum.
+        """
+        k = jnp.asarray(self._wave_numbers / self.length)
+
+        def of(spectrum: AbstractSpectrum | None) -> Array:
+            if spectrum is None:
+                return jnp.zeros(())
+            squares = spectrum.density(k) / self.length * (2 * jnp.pi * k) ** (2 * power)
+            return self.roughness * jnp.sqrt(jnp.sum(squares))
+
+        roll = None if self.roll is None else of(self.roll)
+        return self._with_lines(Irregularity(of(self.lateral), of(self.vertical), roll), power)
+
+    def _with_lines(self, random: Irregularity, power: int) -> Irregularity:
+        """Return root mean squares of random waves and lines together from those of the random waves, see `rms`."""
         lines = self.lines
         if lines is None:
             return random
@@ -350,8 +372,9 @@ class RandomTrack(AbstractRail):
         rms = random._asdict()
         return Irregularity(**rms | {k: jnp.sqrt(rms[k] ** 2 + v) for k, v in squares.items() if rms[k] is not None})
 
-    def _random_rms(self, power: int) -> Irregularity:
-        """Return the root mean squares of the spectra without lines, see `rms`."""
+    def _spectral_rms(self, power: int) -> Irregularity:
+        """Return the root mean squares of the spectra over the band, without lines: of rails of any length, so that
+        scales of slopes and waves do not depend on the length. Arguments as of `rms`."""
         of = lambda spectrum: jnp.zeros(()) if spectrum is None else self.roughness * spectrum.rms(self.band, power)
         return Irregularity(of(self.lateral), of(self.vertical), None if self.roll is None else of(self.roll))
 
@@ -359,7 +382,7 @@ class RandomTrack(AbstractRail):
     def steepest_slope(self):
         """Four times the greater root mean square slope [1], the same for all seeds: one normal deviate in 30,000 is
         greater. The steepest slope of the lines is added, because joints have all their lines at once."""
-        slope = self._random_rms(1)
+        slope = self._spectral_rms(1)
         steepest = 4.0 * jnp.maximum(slope.lateral, slope.vertical)
         return steepest if self.lines is None else steepest + self.roughness * self.lines.steepest_slope
 
@@ -367,8 +390,9 @@ class RandomTrack(AbstractRail):
     @at_once
     def shortest_wavelength(self):
         """Wavelength of a sine with the same root mean squares of slope and curvature [m], see `SampledTrack`."""
-        size = lambda of: jnp.sqrt(of.lateral**2 + of.vertical**2)
-        return mean_wave(size(self.rms(1)), size(self.rms(2)), self.wavelength)
+        both = [self._with_lines(self._spectral_rms(power), power) for power in (1, 2)]
+        slope, curvature = (jnp.sqrt(of.lateral**2 + of.vertical**2) for of in both)
+        return mean_wave(slope, curvature, self.wavelength)
 
 
 class _Beside(AbstractRail):
