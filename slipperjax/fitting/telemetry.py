@@ -23,6 +23,7 @@ from ..analysis.environment import (
     window_starts,
 )
 from ..flow.datasets import load_base
+from ..flow.status import MEANINGS
 from ..model.scene import Scene
 from ..model.sensors import Sensor
 from ..orbits.simulate import beginning_of
@@ -95,7 +96,8 @@ def telemetry(
     - over `frequency`, the middles of bands: `density` [(m/s^2)^2/Hz];
     - over `natural_frequency`: `shock_response` [m/s^2];
     - over `distance`, the middles of windows [m]: `rms` in the bands up to `known_to` [Hz], in m/s^2;
-    - `total_rms` of all windows [m/s^2].
+    - `total_rms` of all windows [m/s^2];
+    - over `rail` the `status` of each run that is not lost, and may be doubtful.
 
     With rails `density_inside`, `shock_response_inside` and `rms_inside` are the shares of bands, frequencies and
     windows in which the record is inside the 5-95 % band [1]; for one more rail of the same kind 90 % on average.
@@ -104,7 +106,7 @@ def telemetry(
     overlap with the runs, and for 2 to 18 rails.
     """
     given = with_histories(runs)
-    histories, seconds, steps = histories_of(given)
+    histories, seconds, steps, status = histories_of(given)
     rails = len(histories)
     edges = _check(sensor, rails, low, high, quality, window)
     first = given[0]
@@ -129,6 +131,7 @@ def telemetry(
     require(np.isfinite(densities[0]).any(), "measured", need, shown=f"there for {np.ptp(model.time):.3g} s")
     shock = np.concatenate([shock_response_spectrum(side.values, rate, edges, quality=quality) for side in sides])
     data = _variables(densities, shock, edges)
+    data["status"] = column("rail", status, "", "status of each run", meaning=MEANINGS)
     coords = {
         "frequency": column("frequency", np.sqrt(edges[1:] * edges[:-1]), "Hz", "middle of a band"),
         "low": ("frequency", edges[:-1]),
@@ -137,7 +140,7 @@ def telemetry(
         "distance": column("distance", np.interp(middles, seconds, travel), "m", "distance travelled"),
         "quantile": column("quantile", list(_shares(rails)), "1", "share of the rails below"),
     }
-    # the status of a run is not the status of a comparison
+    # the comparison has a status of each run
     kept = {name: value for name, value in first.attrs.items() if not name.startswith("status")}
     file = None if isinstance(measured, xr.Dataset) else str(measured)
     asked = dict(measured=file, sensor=sensor, low=low, high=high, quality=quality, window=window)

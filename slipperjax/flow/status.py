@@ -126,6 +126,13 @@ def counted(codes: AnyArray) -> "dict[Status, int]":
     return {Status(int(code)): int(n) for code, n in zip(found, counts, strict=True)}
 
 
+def texts_of_status(codes: AnyArray) -> list[str]:
+    """Return a text for each status other than `FINITE`, with the number of runs that have it."""
+    total = np.size(codes)
+    of = f"{total} run{'s' * (total > 1)}"
+    return [f"status of {n} of {of}: {status}" for status, n in counted(codes).items()]
+
+
 LOST_MOTIONS = (Status.NOT_FINITE, Status.DERAILED, Status.TOO_FEW_STEPS, Status.PRESSED_IN)
 """Statuses of cases without a known motion: all variables of results are NaN."""
 

@@ -10,7 +10,17 @@ from matplotlib.ticker import LogLocator
 from ..model.quantities import Quantity
 from ..tools.checks import require, whole
 from ..tools.units import STANDARD_GRAVITY
-from .style import COLORS, check_dataset, entitle, legend_above, line_color, page, set_log_ticks, shown_units
+from .style import (
+    COLORS,
+    check_dataset,
+    entitle,
+    legend_above,
+    line_color,
+    name_statuses,
+    page,
+    set_log_ticks,
+    shown_units,
+)
 
 SOURCE = "slipperjax.environment"
 RMS = ("rms", "band_rms", "maximax_rms")
@@ -48,6 +58,7 @@ def vibration(report: xr.Dataset, place: int = 0) -> np.ndarray:
         axes[0, 0].set_ylabel("power spectral density [g$^2$/Hz]")
         rails = at.sizes["rail"]
         entitle(axes[0, 0].figure, f"place {named_place(at)}, {rails} rail{'s' * (rails > 1)}")
+        name_statuses(axes[0, 0].figure, report)
     # one scale for all directions
     densities = np.concatenate([line.get_ydata() for ax in axes[0] for line in ax.lines])
     positive = densities[densities > 0]
@@ -78,7 +89,7 @@ def places_of(report: xr.Dataset) -> list[xr.Dataset]:
 def in_g(ds: xr.Dataset) -> xr.Dataset:
     """Return a dataset with accelerations in g and densities in g^2/Hz."""
     factors = {"m/s^2": 1 / STANDARD_GRAVITY, "m^2/s^4/Hz": 1 / STANDARD_GRAVITY**2}
-    return ds.map(lambda values: values * factors.get(values.attrs["units"], 1.0))
+    return ds.map(lambda values: values * factors.get(values.attrs.get("units"), 1))
 
 
 def greatest_of_rails(at: xr.Dataset) -> pd.DataFrame:

@@ -24,7 +24,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
 from ..flow.datasets import has_one_scene
-from ..flow.status import Status, is_lost
+from ..flow.status import Status, is_lost, texts_of_status
 from ..model.parameters import MAIN, PARAMETERS, QUANTITIES, START, check_units
 from ..model.quantities import NET_DIMS, REACTIONS, Quantity, ShownUnits, point_dims
 from ..tools.checks import instance, number, positive, require
@@ -617,5 +617,15 @@ def _wrapped(line: str, letters: int) -> str:
 def name_status(figure: Figure, code: int) -> None:
     """Write a status other than 0 above a figure, in red below its title."""
     if code != Status.FINITE:
-        text = f"{figure.get_suptitle()}\n{textwrap.fill(f'status: {Status(code)}', 90)}".strip()
-        figure.suptitle(text, color=COLORS["red"], fontsize=setting("figure.titlesize"))
+        _write_problem(figure, f"status: {Status(code)}")
+
+
+def name_statuses(figure: Figure, ds: xr.Dataset) -> None:
+    """Write how many runs of a dataset have a status other than 0, as `name_status`; nothing where it has none."""
+    for text in texts_of_status(ds["status"].values) if "status" in ds else ():
+        _write_problem(figure, text)
+
+
+def _write_problem(figure: Figure, text: str) -> None:
+    text = f"{figure.get_suptitle()}\n{textwrap.fill(text, 90)}".strip()
+    figure.suptitle(text, color=COLORS["red"], fontsize=setting("figure.titlesize"))

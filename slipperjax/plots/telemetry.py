@@ -10,7 +10,17 @@ from matplotlib.axes import Axes
 
 from ..model.quantities import Quantity
 from .environment import finish_spectrum, in_g
-from .style import Units, check_dataset, entitle, legend_above, line_color, page, set_log_ticks, shown_units
+from .style import (
+    Units,
+    check_dataset,
+    entitle,
+    legend_above,
+    line_color,
+    name_statuses,
+    page,
+    set_log_ticks,
+    shown_units,
+)
 
 SOURCE = "slipperjax.fitting.telemetry"
 DISTANCE = Quantity("distance", "m", "distance travelled")
@@ -82,6 +92,7 @@ def record_over_model(report: xr.Dataset, units: Units = None) -> np.ndarray:
         rails = report.attrs["rails"]
         of_model = f"model on {rails} rails: median, and 5 to 95 % shaded" if rails > 1 else "model on one rail"
         entitle(axes[0].figure, f"sensor {json.loads(report.attrs['call'])['sensor']['name']}, {of_model}")
+        name_statuses(axes[0].figure, report)
     return axes
 
 

@@ -10,6 +10,7 @@ import xarray as xr
 from ..flow.datasets import sources_of
 from ..plots.environment import RMS, greatest_of_rails, named_place, places_of, three_digits
 from ..plots.style import Units
+from .run_tables import status_column, statuses
 
 
 def tables(ds: xr.Dataset, units: Units = None) -> dict[str, pd.DataFrame]:
@@ -31,7 +32,8 @@ def tables(ds: xr.Dataset, units: Units = None) -> dict[str, pd.DataFrame]:
                     one = values.sel(direction=direction, summary=name)
                     columns[f"{kind} {direction} {name} [{unit}]"] = one.values
         rows.append(pd.DataFrame(columns))
-    return {"bands": pd.concat(rows, ignore_index=True)} | _specification(ds)
+    bands = pd.concat(rows, ignore_index=True).assign(**status_column(ds))
+    return {"bands": bands} | _specification(ds)
 
 
 def _specification(ds: xr.Dataset) -> dict[str, pd.DataFrame]:
@@ -51,6 +53,7 @@ def _specification(ds: xr.Dataset) -> dict[str, pd.DataFrame]:
                 "density [g^2/Hz]": one["specification_density"].values[known],
                 "g-RMS": float(one["specification_rms"]),
                 "runs": ds.sizes["rail"],
+                **status_column(ds),
             }
             tables.append(pd.DataFrame(columns))
     return {"specification": pd.concat(tables, ignore_index=True)}
@@ -60,6 +63,8 @@ def report(ds: xr.Dataset, units: Units = None) -> list[str]:
     """Return the text of a report: results, what they were made from, and the specification."""
     lines = [*summary(ds), "", *_stated(ds)]
     for table in _specification(ds).values():
+        if table.empty:
+            continue
         text = table.to_string(index=False, float_format="{:.4g}".format)
         lines += ["", "Specification", "", *text.splitlines()]
     return lines
@@ -95,7 +100,7 @@ def _points(one: xr.Dataset) -> str:
 
 def summary(ds: xr.Dataset, units: Units = None) -> list[str]:
     """Return an environment as a text, two lines for each place: the greatest values of all rails."""
-    lines = []
+    lines = statuses(ds)
     rails = ds.sizes["rail"]
     low, high = (float(ds[name][end]) for name, end in (("low", 0), ("high", -1)))
     for at in places_of(ds):
@@ -118,6 +123,10 @@ def summary(ds: xr.Dataset, units: Units = None) -> list[str]:
         )
         if "specification_rms" in at:
             of_lines = at["specification_rms"].to_series()
+            unknown = [str(direction) for direction, value in of_lines.items() if np.isnan(value)]
+            if unknown:
+                lines.append(f"no specification along {', '.join(unknown)}: fewer than two densities are known")
+                continue
             most = of_lines.idxmax()
             # runs that are lost have been left out
             over = f" over {rails} rails" if rails > 1 else ""

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from ..flow.status import Status
+from ..flow.status import Status, texts_of_status
 from ..model.quantities import highest_of_points, point_dims
 from ..plots.runs import PEAKS, RunView, edges_of, highest_forces, speed_name, stretch_of_windows
 
@@ -145,6 +145,16 @@ def of_worst(windows: pd.DataFrame) -> pd.DataFrame:
 def words(code: int) -> str:
     """Return a status in one or two words."""
     return Status(code).name.lower().replace("_", " ")
+
+
+def statuses(ds: xr.Dataset) -> list[str]:
+    """Return how many runs of a dataset have a status other than 0, as texts; none where it has no status."""
+    return texts_of_status(ds["status"].values) if "status" in ds else []
+
+
+def status_column(ds: xr.Dataset) -> dict[str, str]:
+    """Return a column of a table with the statuses of all runs of a dataset, none where it has no status."""
+    return {"status": ", ".join(map(words, np.unique(ds["status"].values)))} if "status" in ds else {}
 
 
 def lines_of(table: pd.DataFrame, form: str = "{:.4g}") -> list[str]:

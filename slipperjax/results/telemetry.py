@@ -10,6 +10,7 @@ from ..flow.datasets import sources_of
 from ..plots.environment import in_g, three_digits
 from ..plots.style import Units
 from ..plots.telemetry import Sides, sides_of
+from .run_tables import status_column, statuses
 
 
 def tables(ds: xr.Dataset, units: Units = None) -> dict[str, pd.DataFrame]:
@@ -19,7 +20,7 @@ def tables(ds: xr.Dataset, units: Units = None) -> dict[str, pd.DataFrame]:
     made["bands"].insert(0, "low [Hz]", ds["low"].values)
     made["bands"].insert(1, "high [Hz]", ds["high"].values)
     made["windows"]["bands up to [Hz]"] = ds["known_to"].values
-    return made
+    return {name: table.assign(**status_column(ds)) for name, table in made.items()}
 
 
 def _table(ds: xr.Dataset, sides: Sides) -> pd.DataFrame:
@@ -41,6 +42,7 @@ def summary(ds: xr.Dataset, units: Units = None) -> list[str]:
     band = f" ({model[0]} to {model[-1]})" if several else ""
     known = float(ds["known_to"].max())
     lines = [
+        *statuses(ds),
         f"record at {call['sensor']['name']} over {over}, {call['low']:g} to {known:.4g} Hz",
         f"RMS: record {three_digits(shown['measured_total_rms'])} g, model {model[len(model) // 2]}{band}, "
         f"{float(ds['total_rms_ratio']):+.2f} dB",

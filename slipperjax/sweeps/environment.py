@@ -3,15 +3,16 @@
 import json
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from ..analysis.environment import Envelope, VibrationEnvironment, band_edges, check_quality, vibration_environment
 from ..analysis.specification import rms_of_lines, straight_lines
 from ..flow.datasets import load_base
-from ..flow.status import is_lost
+from ..flow.status import MEANINGS, is_lost, texts_of_status
 from ..model.scene import Scene
 from ..results.result import Result
 from ..tools.checks import finite, number, positive, require, tuple_of, warn
@@ -49,7 +50,7 @@ def environment(
     **Arguments:**
 
     - `runs`: of `slipperjax.run` with the record "body_acceleration", over one parameter such as the rail's seed; or
-        one run, or several runs of one speed. Lost runs are left out, with a warning.
+        one run, or several runs of one speed. Lost runs are left out, and doubtful runs count, with a warning.
     - `places`: x, y and z from the centre of mass, (places, 3) [m]; on an elastic sled, places of its modes.
     - `low`, `high`: least and highest frequency [Hz], in sixth octaves; `quality`: Q of the oscillators of the shock
         response [1]; `window`: length of the windows of time of a density [s], by default the least length that
@@ -57,6 +58,7 @@ def environment(
 
     **Returns:** a `Result` over `rail`, `place` and `direction` (x, y, z of the body) with
 
+    - over `rail` the `status` of each run that is not lost, and may be doubtful;
     - over `frequency`, the middles of bands: `density`, the power spectral density by Welch's method, and
       `maximax_density`, the greatest of all windows [(m/s^2)^2/Hz];
     - over `natural_frequency`: `shock_response`, the greatest acceleration of oscillators [m/s^2];
@@ -68,7 +70,8 @@ def environment(
     - over `breakpoint` the straight-line specification, `margin` above the greatest `maximax_density` of all rails,
       without `rail`: `specification_frequency` [Hz] and `specification_density` [(m/s^2)^2/Hz], NaN after the last
       breakpoint; `specification_rms` is the root mean square under these lines [m/s^2], see
-      `slipperjax.analysis.straight_lines`.
+      `slipperjax.analysis.straight_lines`. It is NaN where fewer than two densities are known, and zero where nothing
+      moves.
 
     Windows at the beginning or the end of runs may be removed before, as by `runs.isel(distance=slice(50, None))`.
     Directions do not include the attitude's angle, some milliradians. Densities above a quarter of the rate of
@@ -81,7 +84,7 @@ def environment(
     given = with_histories(runs)
     scene, _ = load_base(given[0])
     at, edges = check_environment(scene, places, low=low, high=high, quality=quality, window=window, margin=margin)
-    histories, seconds, steps = histories_of(given)
+    histories, seconds, steps, status = histories_of(given)
     intervals = np.diff(seconds)
     least = LEAST_RATE * edges[-1]
     rate = max(1 / float(np.median(intervals)), least)
@@ -96,19 +99,15 @@ def environment(
         quality=quality,
         window=window,
     )
-    if np.isnan(found.density[..., -1]).any() and np.isfinite(found.density).any():
-        shortest = float(intervals.min()) * histories.shape[1] / given[0].sizes["distance"]
-        need = math.ceil(edges[-1] / RELIABLE * shortest)
-        known = found.edges[1:][np.isfinite(found.density).any(axis=(0, 1, 2))].max()
-        more = "give more `steps_per_period` or `refine` and an `AccelerationHistory`"
-        warn(f"Densities end at {known:.4g} Hz: more need {need} steps and samples a window or more, {more}.")
-    # the status of a run is not the status of its environment
+    shortest = float(intervals.min()) * histories.shape[1] / given[0].sizes["distance"]
+    _warn_of_unknown(found, shortest)
+    # the environment has a status of each run
     known = {name: value for name, value in given[0].attrs.items() if not name.startswith("status")}
     call = dict(function="environment", places=at, low=low, high=high, quality=quality, window=window, margin=margin)
     speeds = speeds_along(given[0]).values
     ends = {"lowest speed [m/s]": float(speeds.min()), "highest speed [m/s]": float(speeds.max())}
     averaged = {"window of densities [s]": 2 * float(found.time[0]), "windows of densities": len(found.time)}
-    made = _dataset(found, at)
+    made = _dataset(found, at).assign(status=column("rail", status, "", "status of each run", meaning=MEANINGS))
     made = made.assign(_specification(made, float(margin)))
     return Result(made.assign_attrs(known, **ends, **averaged, call=json.dumps(describe(call))))
 
@@ -124,19 +123,44 @@ def with_histories(runs: Result | xr.Dataset | Sequence[Result | xr.Dataset]) ->
     return given
 
 
+def _warn_of_unknown(found: VibrationEnvironment, shortest: float) -> None:
+    """Warn where densities are unknown from a frequency on, or in all bands, and say what they need.
+
+    **Arguments:** `shortest`: the least time in a window of distance [s].
+    """
+    known = np.asarray(np.isfinite(found.density).any(axis=(0, 1, 2)))
+    if known[-1]:
+        return
+    lasts, needed = 2 * float(found.time[0]), 1 / float(np.diff(found.edges).max())
+    if known.any():
+        begin = f"Densities end at {found.edges[1:][known].max():.4g} Hz: more need"
+    else:
+        begin = f"No density is known from {found.edges[0]:.4g} to {found.edges[-1]:.4g} Hz: bands need"
+    # the widest band is the last to be resolved by windows that are too short
+    if lasts < needed:
+        need = f"windows of {needed:.3g} s or more, but have {lasts:.3g} s; give a longer run or another `window`"
+    else:
+        steps = math.ceil(found.edges[-1] / RELIABLE * shortest)
+        more = "give more `steps_per_period` or `refine` and an `AccelerationHistory`"
+        need = f"{steps} steps and samples a window or more, {more}"
+    warn(f"{begin} {need}.")
+
+
 def _specification(ds: xr.Dataset, margin: float) -> dict[str, object]:
     """Return the variables of straight lines above the greatest densities of all rails and windows."""
     most = ds["maximax_envelope"].sel(summary="maximum", drop=True).transpose("place", "direction", "frequency")
     lines = {}
+    rms = np.full(most.shape[:2], np.nan)
     for at in np.ndindex(most.shape[:2]):
         density = most.values[at]
         # along x nothing moves, and some bands may be unknown
         known = np.isfinite(density) & (density > 0)
+        if (density == 0).any() and not known.any():
+            rms[at] = 0.0
         if known.sum() >= 2:
             lines[at] = straight_lines(ds["frequency"].values[known], density[known], margin=margin)
     count = max((len(frequency) for frequency, _ in lines.values()), default=0)
     joined = np.full((2, *most.shape[:2], count), np.nan)
-    rms = np.zeros(most.shape[:2])
     for at, points in lines.items():
         joined[:, *at, : len(points[0])] = points
         rms[at] = rms_of_lines(*points)
@@ -173,25 +197,38 @@ def check_environment(
     return at, band_edges(low, high)
 
 
-def histories_of(
-    runs: Sequence[xr.Dataset],
-) -> tuple[
-    Float[np.ndarray, "rails samples components"], Float[np.ndarray, " samples"], Float[np.ndarray, " samples"]
-]:
-    """Return the histories of all runs that are not lost, the times of their samples [s], and the rate of integration
-    steps at these times, the least of all runs [Hz]."""
+class Histories(NamedTuple):
+    """Histories of all runs that are not lost."""
+
+    values: Float[np.ndarray, "rails samples components"]
+    """Components of `AccelerationHistory` [their units]."""
+    seconds: Float[np.ndarray, " samples"]
+    """Times of samples [s]."""
+    steps: Float[np.ndarray, " samples"]
+    """Rate of integration steps at these times, the least of all runs [Hz]."""
+    status: Int[np.ndarray, " rails"]
+    """`Status` of each run, which may be doubtful."""
+
+
+def histories_of(runs: Sequence[xr.Dataset]) -> Histories:
+    """Return the histories of all runs that are not lost. Warnings name lost and doubtful runs."""
     rows = []
+    codes = []
     steps = []
     for ds in runs:
         over = [str(name) for name in ds["status"].dims]
         require(len(over) <= 1, "runs", "be over one parameter at most", shown=f"over {', '.join(over)}")
         values = ds[HISTORY].transpose(..., "distance", "sample", "component").values
-        good = ~is_lost(np.atleast_1d(ds["status"].values))
+        status = np.atleast_1d(ds["status"].values)
+        good = ~is_lost(status)
+        codes += list(status[good])
         rows += list(values.reshape(-1, *values.shape[-3:])[good])
         steps.append(ds["steps_per_window"].min(ds["status"].dims).values)
         if not np.all(good):
             warn(f"{np.sum(~good)} of {len(good)} runs are lost, and left out.")
     require(rows, "runs", "have one that is not lost", shown="none")
+    for text in texts_of_status(np.array(codes)):
+        warn(f"Doubtful runs count: {text}.")
     first = runs[0]
     seconds = first["seconds"].values
     alike = seconds.ndim == 1 and all(np.array_equal(ds["seconds"].values, seconds) for ds in runs)
@@ -202,7 +239,7 @@ def histories_of(
     samples = rows[0].shape[1]
     rate = np.min(steps, axis=0) / np.diff(ends)
     joined = np.stack([row.reshape(-1, row.shape[-1]) for row in rows])
-    return joined, sample_times(ends, samples), np.repeat(rate, samples)
+    return Histories(joined, sample_times(ends, samples), np.repeat(rate, samples), np.array(codes))
 
 
 def sample_times(ends: np.ndarray, samples: int) -> np.ndarray:

@@ -110,6 +110,19 @@ def test_a_sine_has_its_rms_density_and_shock_response():
     np.testing.assert_allclose(found["measured_shock_response"][at], amplitude * np.sqrt(401.0), rtol=3e-3)
 
 
+def test_a_doubtful_run_keeps_its_mark():
+    """In the result, its words, its tables and its picture."""
+    run = made(sine(TIME)[None])
+    run["status"][:] = sj.Status.INACCURATE
+    said = "status of 1 of 1 run: inaccurate"
+    with pytest.warns(UserWarning, match=f"Doubtful runs count: {said}"):
+        found = telemetry(run, dataset(sine(TIME)), BOX, low=100.0, high=200.0)
+    assert found["status"].values.tolist() == [sj.Status.INACCURATE]
+    assert found.summary()[0].startswith(said)
+    assert {tuple(table["status"].unique()) for table in found.tables().values()} == {("inaccurate",)}
+    assert said in sj.plots.record_over_model(found)[0].figure.get_suptitle()
+
+
 @pytest.mark.full
 def test_units_names_and_rates_of_a_record_do_not_matter(table):
     """A record in g at another rate, in a file, beside one in m/s^2 at the times of the run."""

@@ -13,6 +13,7 @@ from slipperjax.sweeps.environment import DIRECTIONS, accelerations_at, historie
 from slipperjax.sweeps.windows import BANDS
 
 from ..common import sled_on
+from ..fitting.test_telemetry import RATE, made
 
 PLACE = (0.5, 0.2, 0.4)
 KEPT = ["peak_force", "body_acceleration"]
@@ -31,7 +32,7 @@ def in_the_air(speed=100.0, **parts):
 
 def at_place(ds, place=PLACE):
     """Gives the times of samples [s] and accelerations of a place [m/s^2], (directions, samples)."""
-    histories, seconds, _ = histories_of([ds])
+    histories, seconds, *_ = histories_of([ds])
     return seconds, accelerations_at(sj.load(ds).scene, histories, np.array([place]))[0, 0]
 
 
@@ -48,6 +49,7 @@ def rails():
 
 
 @pytest.mark.full
+@pytest.mark.filterwarnings("ignore:Doubtful runs")  # nothing touches
 def test_a_place_of_a_spinning_sled():
     """Of an axisymmetric body without moments, whose spin turns about its axis at a constant rate."""
     w_x, w_y, w_z = 0.5, 0.1, -0.3
@@ -66,6 +68,7 @@ def test_a_place_of_a_spinning_sled():
 
 
 @pytest.mark.full
+@pytest.mark.filterwarnings("ignore:Doubtful runs")
 @pytest.mark.parametrize("speed", [100.0, sj.SpeedProgramme.stages([sj.Stage(100.0, speed=200.0)], start=80.0)])
 def test_a_mode_rings_at_a_place(speed):
     """One mode in the air: -(2 pi f)^2 q times its shape at the place, at a constant and at a changing speed."""
@@ -140,7 +143,7 @@ def test_a_specification_lies_its_margin_above_the_greatest_density_of_all_rails
         assert ratio.min() == pytest.approx(3.0, abs=1e-6)
         assert of_one["specification_rms"] > of_one["maximax_rms"].max()
     table = report.tables()["specification"]
-    assert list(table.columns[4:]) == ["frequency [Hz]", "density [g^2/Hz]", "g-RMS", "runs"]
+    assert list(table.columns[4:]) == ["frequency [Hz]", "density [g^2/Hz]", "g-RMS", "runs", "status"]
     assert set(table["runs"]) == {3}
     text = "straight-line specification, 3 dB above the greatest density of 3 runs"
     assert text in report["specification_density"].attrs["long_name"]
@@ -159,6 +162,53 @@ def test_lost_runs_are_left_out_and_so_may_be_windows_at_the_beginning(rails):
     np.testing.assert_allclose(part["rms"][0, 0], found[:, 40 * 64 :].std(axis=1), rtol=1e-2)
     ends = [float(one["seconds"][-1] + one["seconds"][0]) for one in (part, whole)]
     assert ends[0] == pytest.approx(0.6 * ends[1], rel=1e-2)
+
+
+def noise(rails, seconds):
+    """Gives made-up runs at 100 m/s with noise along z."""
+    return made(np.random.default_rng(1).normal(size=(rails, int(seconds * RATE))))
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "words"),
+    [
+        (200.0, 202.0, r"200 to 202 Hz: bands need windows of 0\.5 s or more, but have 0\.1 s; give a longer run"),
+        (1e4, 2e4, r"1e\+04 to 2e\+04 Hz: bands need 800 steps and samples a window or more"),
+    ],
+    ids=["short", "few steps"],
+)
+def test_without_a_known_density_no_specification_is_known(low, high, words):
+    with pytest.warns(UserWarning, match=rf"No density is known from {words}"):
+        report = sj.environment(noise(1, 0.1), [PLACE], low=low, high=high)
+    assert np.isnan(report["density"]).all()
+    assert np.isnan(report["specification_rms"]).all()
+    lines = report.summary()
+    assert lines[-1] == "no specification along x, y, z: fewer than two densities are known"
+    assert report.tables()["specification"].empty
+    # a direction in which nothing moves has none that is not zero
+    known = sj.environment(noise(1, 0.1), [PLACE], low=200.0, high=1000.0)["specification_rms"]
+    assert (known.sel(place=0, direction=["x", "y"]) == 0).all()
+    assert known.sel(place=0, direction="z") > 0
+
+
+def test_doubtful_runs_keep_their_mark(tmp_path):
+    """In the result, its words, its tables and its page."""
+    runs = noise(3, 0.1)
+    runs["status"][:] = [sj.Status.FINITE, sj.Status.INACCURATE, sj.Status.DERAILED]
+    said = "status of 1 of 2 runs: inaccurate"
+    with pytest.warns(UserWarning, match="lost|Doubtful") as caught:
+        report = sj.environment(runs, [PLACE], low=200.0, high=1000.0)
+    first, second = (str(one.message) for one in caught)
+    assert first == "1 of 3 runs are lost, and left out."
+    assert second.startswith(f"Doubtful runs count: {said}")
+    assert report["status"].dims == ("rail",)
+    assert report["status"].values.tolist() == [sj.Status.FINITE, sj.Status.INACCURATE]
+    assert report.summary()[0].startswith(said)
+    assert {tuple(table["status"].unique()) for table in report.tables().values()} == {("finite, inaccurate",)}
+    axes = sj.plots.vibration(report)
+    assert said in axes[0, 0].figure.get_suptitle()
+    report.write(tmp_path / "report.nc")
+    assert sj.load(tmp_path / "report.nc").status.values.tolist() == [0, 6]
 
 
 @pytest.mark.full
