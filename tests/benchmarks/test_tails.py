@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 import slipperjax as sj
+from slipperjax.flow.status import is_lost
 
 from ..common import MOTION
 from ..solvers.test_touchdowns import COUNTS
@@ -56,15 +57,16 @@ def scene_of(rail, speed, restitution):
 
 
 def ensemble(rail, speed, restitution, steps, seeds):
-    """The highest force of each rail [kN], and how many touchdowns there were, and at the least rate."""
+    """The highest force of each rail without lost runs [kN]; how many runs were lost; how many touchdowns there were,
+    and how many at the least rate."""
     scene = scene_of(rail, speed, restitution)
     options = dict(transient=5, periods=PERIODS, steps_per_period=steps, record=["peak_force", *COUNTS])
     on_random = isinstance(scene.track, sj.RandomTrack)
     grid = {"track.seed": np.arange(seeds)} if on_random else sj.sweeps.sample_box(MOTION, seeds)
     ds = sj.sweep(scene, grid, product=False, **options)
     force = ds["peak_force"].max(("end", "point")).values / 1e3
-    lost = ds["status"].isin([1, 2]).values
-    return np.where(lost, np.inf, force), int(ds["touchdowns"].sum()), int(ds["at_floor"].sum())
+    lost = is_lost(ds["status"].values)
+    return force[~lost], int(lost.sum()), int(ds["touchdowns"].sum()), int(ds["at_floor"].sum())
 
 
 def quantiles(values, seed=0):
@@ -74,9 +76,10 @@ def quantiles(values, seed=0):
 
 
 def row(rail, speed, restitution, steps, seeds):
-    values, touched, floor = ensemble(rail, speed, restitution, steps, seeds)
+    values, lost, touched, floor = ensemble(rail, speed, restitution, steps, seeds)
     shown = ", ".join(f"{q:.2f} +- {e:.2f}" for q, e in zip(*quantiles(values), strict=True))
-    print(f"  {steps:5d} steps: {shown}; highest {values.max():.1f}; {floor} of {touched} at the floor", flush=True)
+    of_all = f"{floor} of {touched} at the floor, {lost} of {seeds} runs lost"
+    print(f"  {steps:5d} steps: {shown}; highest {values.max():.1f}; {of_all}", flush=True)
     return values
 
 
@@ -107,5 +110,5 @@ def test_default_steps():
         "means:",
         np.mean(distances, axis=0).round(2),
     )
-    # 1 for equal distributions; the bootstrap's errors of 99 % quantiles are somewhat small
+    # 1 for equal distributions; measured: 0.9, 0.8, 1.0; the bootstrap's errors of 99 % quantiles are somewhat small
     assert np.all(np.sqrt(np.mean(distances**2, axis=0)) < 1.5)
