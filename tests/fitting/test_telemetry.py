@@ -242,6 +242,7 @@ def test_a_gain_and_a_slow_run_are_known(tmp_path):
         "model [g]",
         "record over model [dB]",
         "bands up to [Hz]",
+        "status",
     ]
 
 
