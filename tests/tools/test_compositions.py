@@ -107,7 +107,8 @@ def check(compositions, program=same):
     right = jax.jit(lambda x: [composed(names, plain, 1)(x) for names in compositions])(x)
     for names, exact in zip(compositions, right, strict=True):
         # measured over all chains: 2e-15
-        np.testing.assert_allclose(program(composed(names, fast, 0))(x), exact, rtol=1e-12, err_msg=" of ".join(names))
+        found = program(composed(names, fast, 0))(x)
+        np.testing.assert_allclose(found, exact, rtol=1e-12, err_msg=" of ".join(names))
 
 
 # whatever is inside of a gradient is differentiated
