@@ -5,7 +5,6 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 from matplotlib.axes import Axes
-from matplotlib.ticker import LogLocator
 
 from ..model.quantities import Quantity
 from ..tools.checks import require, whole
@@ -139,9 +138,8 @@ def finish_spectrum(ax: Axes, edges: np.ndarray) -> None:
     if any(np.any(np.asarray(line.get_ydata()) > 0) for line in ax.lines):
         ax.set_yscale("log")
     ax.set_xlim(edges[0], edges[-1])
-    set_log_ticks(ax.xaxis)
     # the labels 1000 and 2000 would touch each other
-    ax.xaxis.set_major_locator(LogLocator(subs=(2, 5)))
+    set_log_ticks(ax.xaxis, fine=(2, 5))
 
 
 def _draw_level(ax: Axes, at: xr.Dataset) -> None:

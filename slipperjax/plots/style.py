@@ -458,9 +458,13 @@ class PlainTicks(LogLocator):
     matplotlib leaves out powers of ten where even these need more space than the axis has.
     """
 
+    def __init__(self, fine: tuple[int, ...] = (1, 2, 5)):
+        super().__init__()
+        self.fine = fine
+
     def tick_values(self, vmin: float, vmax: float) -> Any:
         space = 9 if self.axis is None else self.axis.get_tick_space()
-        self.set_params(subs=(1, 2, 5))
+        self.set_params(subs=self.fine)
         fine = super().tick_values(vmin, vmax)
         # matplotlib returns no ticks of this kind where it must leave out powers of ten
         if 2 <= _within(fine, vmin, vmax) <= space:
@@ -476,9 +480,9 @@ def _within(ticks: np.ndarray, vmin: float, vmax: float) -> int:
     return int(np.sum((low <= ticks) & (ticks <= high)))
 
 
-def set_log_ticks(axis: Axis) -> None:
-    """Label a logarithmic axis with plain numbers, see `PlainTicks`."""
-    axis.set_major_locator(PlainTicks())
+def set_log_ticks(axis: Axis, fine: tuple[int, ...] = (1, 2, 5)) -> None:
+    """Label a logarithmic axis with plain numbers, see `PlainTicks`, at `fine` in each decade where there is space."""
+    axis.set_major_locator(PlainTicks(fine))
     axis.set_major_formatter("{x:g}")
     axis.set_minor_locator(NullLocator())
 

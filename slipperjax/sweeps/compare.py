@@ -102,9 +102,9 @@ def compare(
     given = instance("quantiles", quantiles, Sequence, "a list of shares, such as [0.95]")
     shares = [number(finite, "quantiles", share) for share in given]
     one_of("mean_over", mean_over, ("distance", "time"))
-    counted = "starts" if rails == 1 and starts > 1 else "rails"
+    independent, counted = (starts, "starts") if rails == 1 and starts > 1 else (rails, "rails")
     for share in shares:
-        check_quantile(share, rails if rails > 1 else starts, counted)
+        check_quantile(share, independent, counted)
     scene, of_rails = on_rails(scene, rails)
     require(isinstance(designs, Mapping), "designs", "name parameters with their values", designs)
     designs_of = Grid(scene, designs, product=product)
@@ -122,7 +122,7 @@ def compare(
     ds = run(scene, cases, **of_runs, **options).ds
     numbers = _numbers(of_windows, ds, mean_over)
     status = ds["status"].values.copy()
-    # one impact among thousands may need more steps; runs of other shares of a store are not there yet
+    # runs of other shares of a store are not there yet
     lost = np.flatnonzero(is_lost(status) & (status != Status.NOT_RUN))
     # one impact among thousands may need more steps
     if len(lost):

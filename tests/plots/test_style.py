@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from slipperjax import plots
+from slipperjax.plots.environment import finish_spectrum
 from slipperjax.plots.style import COLORS, color_bar, color_norm, content_of, entitle, fit_scale, png
 from slipperjax.plots.sweeps import of_sweep
 
@@ -100,6 +101,21 @@ def test_logarithmic_axes_have_labels_which_do_not_touch(height, top):
         ]
         assert len(boxes) >= 2
         assert all(below.y1 < above.y0 for below, above in pairwise(boxes))
+
+
+@pytest.mark.parametrize("width", [1.5, 2.0, 3.0, 7.0])
+@pytest.mark.parametrize("highest", [2e3, 2e4, 1e6, 1e12])
+def test_axes_over_frequency_have_labels_which_do_not_touch(width, highest):
+    edges = np.array([5.0, highest])
+    with plots.styled():
+        figure, ax = plt.subplots(figsize=(width, 2.0))
+        ax.plot(edges, edges)
+        finish_spectrum(ax, edges)
+        figure.draw_without_rendering()
+    ticks = zip(ax.xaxis.get_major_ticks(), ax.xaxis.get_majorticklocs(), strict=True)
+    boxes = [tick.label1.get_window_extent() for tick, at in ticks if edges[0] <= at <= highest]
+    assert len(boxes) >= 2
+    assert all(left.x1 < right.x0 for left, right in pairwise(boxes))
 
 
 def test_files_keep_text_and_fonts_and_close_their_figures():
