@@ -481,7 +481,7 @@ def _within(ticks: np.ndarray, vmin: float, vmax: float) -> int:
 
 
 def set_log_ticks(axis: Axis, fine: tuple[int, ...] = (1, 2, 5)) -> None:
-    """Label a logarithmic axis with plain numbers, see `PlainTicks`, at `fine` in each decade where there is space."""
+    """Label a logarithmic axis with plain numbers: `fine` in each decade where there is space, see `PlainTicks`."""
     axis.set_major_locator(PlainTicks(fine))
     axis.set_major_formatter("{x:g}")
     axis.set_minor_locator(NullLocator())
