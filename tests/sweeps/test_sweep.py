@@ -150,9 +150,13 @@ def test_inaccurate_cases_are_marked():
     np.testing.assert_array_equal((ds["status"] == Status.INACCURATE).values, wrong & known)
 
 
+@pytest.mark.full
 def test_default_steps_may_be_refined():
     once, twice = (swept(SPEEDS[SPEEDS > 850], steps_per_period=None, refine=k) for k in (1, 2))
     np.testing.assert_array_equal(twice["steps_per_period"], 2 * once["steps_per_period"])
-    for steps, refine, words in ((None, 0, "1 or more"), (50, 2, "be 1 where steps_per_p")):
-        with pytest.raises(ValueError, match=f"Argument `refine` must .*{words}"):
-            swept(steps_per_period=steps, refine=refine)
+
+
+@pytest.mark.parametrize(("steps", "refine", "words"), [(None, 0, "1 or more"), (50, 2, "be 1 where steps_per_p")])
+def test_refinements_that_cannot_be_are_named(steps, refine, words):
+    with pytest.raises(ValueError, match=f"Argument `refine` must .*{words}"):
+        swept(steps_per_period=steps, refine=refine)
