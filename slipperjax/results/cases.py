@@ -9,11 +9,11 @@ from ..flow.datasets import SCENE_NUMBER
 from ..flow.status import counted, is_lost
 from ..model.quantities import POINT_DIMS
 from ..plots.maps import regimes_of
-from ..plots.runs import PEAKS
+from ..plots.runs import PEAKS, RunView
 from ..plots.style import Units, shown_columns
 from ..tools.checks import warn
 from ..tools.files import first_ones
-from .run_tables import over_points
+from .run_tables import in_display_units, of_stretches, of_windows, over_points
 
 PLACES = ("peak_period", *(peak.place for peak in PEAKS.values()))
 """Places of highest values, which belong to one contact point or slipper: the highest place means nothing."""
@@ -52,19 +52,41 @@ def summary_of_runs(ds: xr.Dataset, units: Units = None) -> list[str]:
     """Return several runs as a text: their number, and how many are lost."""
     status = ds["status"]
     lines = [f"{status.size} runs over {', '.join(map(str, status.dims))}"]
-    return lines + [f"{n} runs: {meaning}" for meaning, n in counted(status.values).items()]
+    return lines + [f"{n} run{'s' * (n > 1)}: {meaning}" for meaning, n in counted(status.values).items()]
 
 
 def tables(ds: xr.Dataset, units: Units = None) -> dict[str, pd.DataFrame]:
     """Return a row for each case. A warning names the variables that are left out, because they have many values in
     each case."""
-    name = "runs" if "distance" in ds.dims else "cases"
     dims = list(map(str, ds["status"].dims))
     ds = _numbers_of_cases(ds)
     left = [str(name) for name, values in ds.data_vars.items() if set(values.dims) != set(dims)]
     if left:
         warn(f"The table leaves out {first_ones(left)}, with several values in each case; a file .nc has all values.")
-    return {name: shown_columns(ds, *dims, units=units)}
+    return {"cases": shown_columns(ds, *dims, units=units)}
+
+
+def tables_of_runs(ds: xr.Dataset, units: Units = None) -> dict[str, pd.DataFrame]:
+    """Return a row for each run, and a row for each window of each run, with what was varied in front.
+
+    Root mean squares of stretches are in the windows alone, because the greatest is not that of a run.
+    """
+    dims = list(map(str, ds["status"].dims))
+    ds = ds.drop_vars(SCENE_NUMBER, errors="ignore").stack(run=dims, create_index=False)
+    varied = shown_columns(ds[["status"]], "run", units=units).drop(columns="status")
+    runs = shown_columns(ds, "run", units=units)
+    views = [RunView.of(ds.isel(run=k), units=units) for k in range(ds.sizes["run"])]
+    windows = [of_windows(view) for view in views]
+    wholes = [of_stretches(each, np.inf).filter(regex="^(?!status|rms_)") for each in windows]
+    of_each = varied.iloc[np.repeat(runs.index, list(map(len, windows)))]
+    return {"runs": _beside(runs, views, wholes), "windows": _beside(of_each, views, windows)}
+
+
+def _beside(first: pd.DataFrame, views: list[RunView], tables: list[pd.DataFrame]) -> pd.DataFrame:
+    """Return a table and, beside it, one below the other, tables of runs, without columns that the first has."""
+    shown = [in_display_units(view, table) for view, table in zip(views, tables, strict=True)]
+    numbers = pd.concat(shown, ignore_index=True).drop(columns=first.columns, errors="ignore")
+    return pd.concat([first.reset_index(drop=True), numbers], axis=1)
 
 
 def _numbers_of_cases(ds: xr.Dataset) -> xr.Dataset:

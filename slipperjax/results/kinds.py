@@ -44,7 +44,7 @@ class Kind(NamedTuple):
 
 
 SWEEP = Kind(cases.summary, cases.tables, of_sweep)
-SEVERAL_RUNS = Kind(cases.summary_of_runs, cases.tables, of_sweep)
+SEVERAL_RUNS = Kind(cases.summary_of_runs, cases.tables_of_runs, of_sweep)
 BRANCH = Kind(motions.branch_summary, motions.branch_tables, branches)
 KINDS: dict[str, Kind] = {
     "simulate": Kind(motions.summary, motions.tables, overview),

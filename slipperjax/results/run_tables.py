@@ -88,14 +88,14 @@ def over_points(values: xr.DataArray) -> xr.DataArray:
     return joined.assign_attrs(values.attrs)
 
 
-def of_hundreds(windows: pd.DataFrame) -> pd.DataFrame:
-    """Return a row for each 100 m of rail, from the windows whose middles are in it; without numbers if one is lost.
+def of_stretches(windows: pd.DataFrame, length: float = HUNDRED) -> pd.DataFrame:
+    """Return a row for each stretch, from the windows whose middles are in it; without numbers if one is lost.
 
-    **Arguments:** `windows`: the table of `of_windows`.
+    **Arguments:** `windows`: the table of `of_windows`; `length`: of a stretch [m], infinite for the whole run.
     """
     middles = (windows["from"] + windows["to"]) / 2 - windows["from"][0]
     rows = []
-    for _, part in windows.groupby(middles // HUNDRED):
+    for _, part in windows.groupby(middles // length):
         row: dict[str, object] = {"from": part["from"].iloc[0]}
         row |= {"to": part["to"].iloc[-1], "time": part["time"].iloc[-1]}
         row["status"] = ", ".join(part["status"].unique())
@@ -174,8 +174,13 @@ def lines_of(table: pd.DataFrame, form: str = "{:.4g}") -> list[str]:
 def tables(view: RunView) -> dict[str, pd.DataFrame]:
     """Return the tables of a run by name, in display units, which their headers state."""
     windows = of_windows(view)
-    made = {"windows": windows, "100 m": of_hundreds(windows), "worst places": of_worst(windows)}
-    return {name: pd.DataFrame(dict(_shown(view, table))) for name, table in made.items()}
+    made = {"windows": windows, "100 m": of_stretches(windows), "worst places": of_worst(windows)}
+    return {name: in_display_units(view, table) for name, table in made.items()}
+
+
+def in_display_units(view: RunView, table: pd.DataFrame) -> pd.DataFrame:
+    """Return a table in display units, which its header states."""
+    return pd.DataFrame(dict(_shown(view, table)))
 
 
 def _shown(view: RunView, table: pd.DataFrame) -> Iterator[tuple[str, pd.Series]]:

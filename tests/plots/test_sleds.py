@@ -15,7 +15,7 @@ from slipperjax.model.kinematics import contacts, rail_frame
 from slipperjax.plots.runs import RunView, peak_of
 from slipperjax.plots.style import by_contact
 from slipperjax.plots.trajectories import most_loaded
-from slipperjax.results.run_tables import of_hundreds, of_windows
+from slipperjax.results.run_tables import of_stretches, of_windows
 
 from .shown import bar_of, drawn, legend
 from .test_animations import arrows_of, drawn_gaps, points_of
@@ -108,7 +108,7 @@ def test_a_run_s_page_tables_and_report_name_the_slipper(run, tmp_path):
     assert table["point"].tolist() == wanted.tolist()
     assert table["impacts"].tolist() == run["impacts"].values.reshape(30, -1).sum(axis=1).tolist()
     # mean forces of slippers, whose mean counts
-    column = of_hundreds(table)["slipper_force left2 vertical"]
+    column = of_stretches(table)["slipper_force left2 vertical"]
     wanted = run["slipper_force"].sel(slipper="left2", direction="vertical").mean("distance")
     np.testing.assert_allclose(column, [float(wanted)], rtol=1e-12)  # measured 0
     lines = "\n".join(run.summary())

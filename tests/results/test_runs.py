@@ -11,7 +11,7 @@ import xarray as xr
 import slipperjax as sj
 from slipperjax import plots
 from slipperjax.plots.runs import RunView
-from slipperjax.results.run_tables import lines_of, of_hundreds, of_windows, of_worst
+from slipperjax.results.run_tables import lines_of, of_stretches, of_windows, of_worst
 from slipperjax.results.runs import report, summary, tables
 from slipperjax.results.writing import WIDTH
 
@@ -60,7 +60,7 @@ def test_net_loads_come_first_in_words_tables_and_pictures():
     windows = of_windows(RunView.of(ds))
     net = windows[["peak_slipper_force", "slipper_load", "peak_slipper_distance"]]
     assert net.iloc[[122, 0]].values.tolist() == [[-6e3, "lateral", 222.25], [1e3, "vertical", 222.0]]
-    hundreds = of_hundreds(windows)
+    hundreds = of_stretches(windows)
     assert hundreds["peak_slipper_force"].tolist() == [1e3, -6e3, 1e3]
     assert hundreds["peak_slipper_moment y"].tolist() == [-30.0] * 3
     assert of_worst(windows).iloc[0].tolist() == [222.25, 100.0, "lateral", -6e3, "C2", 5e3]
@@ -77,7 +77,7 @@ def test_tables_join_windows_as_their_numbers_want():
     assert windows["impacts"].tolist() == (6.0 * np.arange(WINDOWS)).tolist()  # of six points
     row = windows.iloc[122]
     assert (row["peak_force"], row["point"], row["peak_distance"], row["status"]) == (5e3, "C2", 222.5, "finite")
-    hundreds = of_hundreds(windows)
+    hundreds = of_stretches(windows)
     wanted = {
         "from": [100, 200, 300],
         "to": [200, 300, 350],
@@ -97,7 +97,7 @@ def test_hundreds_of_metres_are_not_hundreds_of_windows(window, rows):
     count = sum(rows)
     ds = run().isel(distance=slice(0, count)).drop_dims("stretch")
     ds = ds.assign_coords(distance=BEGIN + window * np.arange(1, count + 1)).assign_attrs({"window [m]": window})
-    hundreds = of_hundreds(of_windows(RunView.of(ds)))
+    hundreds = of_stretches(of_windows(RunView.of(ds)))
     # by the middles of windows: of 8 m the 13th lies at 96 to 104 m, its middle on the edge
     np.testing.assert_allclose((hundreds["to"] - hundreds["from"]) / window, rows, atol=1)
     assert hundreds["from"].tolist()[1:] == hundreds["to"].tolist()[:-1]
@@ -164,12 +164,34 @@ def test_a_report_has_whole_fonts_and_several_runs_have_their_picture(tmp_path):
     content = (tmp_path / "run.pdf").read_bytes()
     assert b"/Type3" not in content  # outlines, which cannot be searched
     assert len(re.findall(rb"/Type /Page\b", content)) == 2
-    runs = sj.Result(
-        xr.concat([run().drop_vars("speed")] * 2, "mass", data_vars="all").assign_coords(mass=[1.0, 2.0])
-    )
-    assert runs.summary() == ["2 runs over mass"]
-    with pytest.warns(UserWarning, match="^The table leaves out peak_force, "):
-        assert len(runs.tables()["runs"]) == 2
+
+
+def test_several_runs_have_a_row_each_and_a_row_for_each_window():
+    one, lost = with_net_loads(run()), with_net_loads(run(2))
+    both = xr.concat([one, lost], "mass", data_vars="all").assign_coords(mass=("mass", [1.0, 2.0], {"units": "kg"}))
+    result = sj.Result(both)
+    head, lost_ones = result.summary()
+    assert head == "2 runs over mass"
+    assert lost_ones.startswith("1 run: derailed")
+    made = result.tables(FEET)
+    assert list(made) == ["runs", "windows"]
+    alone = tables(one, FEET)["windows"]
+    windows = made["windows"]
+    np.testing.assert_allclose(windows["mass [lb]"], np.repeat([1.0, 2.0], WINDOWS) / 0.45359237, rtol=1e-12)
+    pd.testing.assert_frame_equal(windows[:WINDOWS][list(alone)], alone)
+    assert windows["status"][WINDOWS:].unique().tolist() == ["derailed"]
+    assert windows["peak_force [lbf]"][WINDOWS:].isna().all()
+    runs = made["runs"]
+    assert runs["status"].tolist() == [0, 2]
+    ends = np.array([BEGIN, BEGIN + WINDOWS]) / 0.3048
+    np.testing.assert_allclose(runs[["from [ft]", "to [ft]"]], [ends, ends], rtol=1e-12)
+    assert runs["impacts"][0] == alone["impacts"].sum()
+    k = alone["peak_slipper_force [lbf]"].abs().argmax()
+    for name in ("peak_slipper_force [lbf]", "slipper_load", "peak_slipper_distance [ft]"):
+        assert runs[name][0] == alone[name][k]
+    assert np.isnan(runs["impacts"][1])
+    # the greatest RMS of a stretch is not that of the run
+    assert not any(name.startswith("rms_") for name in runs)
 
 
 def test_reports_say_the_run_its_worst_places_and_its_scene_in_a_user_s_units():
