@@ -119,9 +119,9 @@ def run(
     path = click.get_current_context().params["scene"]
     if file is None or file.run is None:
         raise ValueError(f"Argument `FILE` must be a TOML file with a table [run], or a run, but is {path}.")
-    # options that the user gave override the file
-    of_file = {name: value for name, value in file.run.items() if not given(name)}
-    options = case.options | {"begin": begin} | of_file
+    options = case.options | {"begin": begin}
+    # options that the user gave override the file; --length is that of the slipper
+    options |= {name: value for name, value in file.run.items() if not (name in options and given(name))}
     files = Outputs(out)
     require(sensor is None or measured is not None, "--sensor", "come with --measured", sensor)
     require(measured is None or not over, "--measured", "come without --over", str(measured))

@@ -173,6 +173,10 @@ def test_options_come_before_the_table(file, tmp_path, capsys, replaced):
     options = over_rail.call_args[1]
     assert (options["solver"], options["begin"], options["steps_per_period"]) == ("Rodas4", 10.0, 70)
     assert options["start"].v_y == 1.0
+    # the length of the slipper, not of the run
+    error_of([*words, "--length", 0.3], capsys)
+    (scene,), options = over_rail.call_args
+    assert (options["length"], float(scene.slipper.length)) == (80.0, 0.3)
     rail = tmp_path / "rail.csv"
     rail.write_text("\n".join(["chainage [m],vertical [mm]", *(f"{k / 4},0" for k in range(400))]))
     error_of([*words, "--solver", "RK4", "--rail", rail], capsys)
