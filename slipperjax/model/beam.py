@@ -189,7 +189,8 @@ class Beam(ShapeChecked):
         pair = lambda z: (z.real, z.imag)
         return RailStep(
             half=felt(half),
-            own=jnp.diagonal(felt(whole)[:, 1], axis1=-2, axis2=-1),
+            # for each node and itself alone
+            own=jnp.einsum("dbn,jjn->dj", exponent * whole, between).real,
             ends=(felt(driven[0]), felt(driven[1])),
             decay=pair(jnp.exp(exponent * seconds)),
             driven=(of_nodes(driven[0]), of_nodes(driven[1])),
