@@ -3,6 +3,7 @@
 Python blocks share one namespace, in a folder with the files of docs/examples. Commands are run where `<!-- run -->`
 is written before their block, lines that begin with slipperjax only. A block of text below is what was printed: words
 must be the same, numbers within `CLOSE`. Behind `<!-- chaotic -->` numbers may be any: they depend on the processor.
+Spaces may be any: NumPy pads the shorter numbers of an array.
 """
 
 import contextlib
@@ -53,9 +54,14 @@ def commands(block: Block) -> list[str]:
     return [line for line in block.text.replace("\\\n", " ").splitlines() if line.strip()]
 
 
+def words(text: str) -> str:
+    """Return a text without its spaces, with a sign for every number."""
+    return "".join(NUMBER.sub("#", text).split())
+
+
 def same(said: str, printed: str, chaotic: bool = False) -> bool:
     """Whether words are the same and numbers close, or any where a motion is chaotic."""
-    if NUMBER.sub("#", " ".join(said.split())) != NUMBER.sub("#", " ".join(printed.split())):
+    if words(said) != words(printed):
         return False
     pairs = () if chaotic else zip(NUMBER.findall(said), NUMBER.findall(printed), strict=True)
     values = [(float(a.replace(",", "")), float(b.replace(",", ""))) for a, b in pairs]

@@ -12,7 +12,7 @@ import pytest
 import slipperjax as sj
 from slipperjax.cli import app
 
-from .pages import EXAMPLES, ROOT, blocks, commands
+from .pages import EXAMPLES, ROOT, blocks, commands, same
 
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 WORDS = 21_700
@@ -32,6 +32,21 @@ def with_blocks(language, *but):
 def having(language, *but):
     """One test for each page with blocks of a language."""
     return pytest.mark.parametrize("page", with_blocks(language, *but), ids=lambda page: page.stem)
+
+
+@pytest.mark.parametrize(
+    ("said", "printed", "chaotic", "expected"),
+    [
+        ("[2 1.50 ]", "[2 1.51]", False, True),
+        ("[2 1.50 ]", "[2 1.60]", False, False),
+        ("[2 1.50 ]", "[2 39.125]", True, True),
+        ("[2 1.50 ]", "[2 39.125 3]", True, False),
+        ("period 2", "periods 2", True, False),
+    ],
+)
+def test_what_a_page_says_is_compared_with_what_is_printed(said, printed, chaotic, expected):
+    """NumPy pads the shorter numbers of an array, so spaces do not count."""
+    assert same(said, printed, chaotic) is expected
 
 
 @pytest.mark.full
