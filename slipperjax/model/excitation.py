@@ -31,15 +31,20 @@ SPEEDS = 16
 _compliance = jit(Beam.compliance)
 
 
+@jit  # sweeps ask for many cases
+def _held(scene: Scene, travel: Travel) -> tuple[list[Array], Array]:
+    """Return places x, y and z of the nodes [m], and the stiffness of contacts in a typical impact [N/m]."""
+    places = [jnp.reshape(arm, (scene.nodes[1], -1)).mean(axis=1) for arm in contact_points(scene).arm]
+    return places, 1.5 * scene.contact.stiffness * jnp.sqrt(contact_depth(scene, travel))
+
+
 def excites_itself(scene: Scene, travel: Travel) -> bool:
     """Return whether oscillations of slippers on a rail that bends grow while the scene travels at a constant speed.
 
     Nodes move as points of a rigid body, and in each direction each node is held by the contacts of one point.
     """
     assert scene.beam is not None
-    depth = contact_depth(scene, travel)
-    stiffest = float(1.5 * scene.contact.stiffness * jnp.sqrt(depth))
-    x, y, z = (np.asarray(arm).reshape(scene.nodes[1], -1).mean(axis=1) for arm in contact_points(scene).arm)
+    (x, y, z), stiffest = jax.tree.map(np.asarray, _held(scene, travel))
     j_x, j_y, j_z = map(float, scene.slipper.inertia)
     turned = lambda *arms: sum(np.outer(arm, arm) / inertia for arm, inertia in arms)
     accelerance = 1 / float(scene.slipper.mass) + np.stack([turned((z, j_x), (x, j_z)), turned((y, j_x), (x, j_y))])

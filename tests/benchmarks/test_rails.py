@@ -35,7 +35,8 @@ def test_sweeps_on_rails_beside_the_harmonic_one():
 
 
 def test_sweeps_on_rails_that_bend():
-    options = dict(transient=0, periods=20, steps_per_period=100, record="strobe", workers=1)
+    # long enough for the time before the first step to count little
+    options = dict(transient=0, periods=100, steps_per_period=100, record="strobe", workers=1)
     for name, grid in (("restitution", np.linspace(0.8, 0.95, 64)), ("speed", np.linspace(500.0, 2000.0, 64))):
         rings = [beam_of(ring) for ring in (32.0, 64.0, 128.0)]
         beams = {"rigid": None} | {f"{len(beam.wave_numbers)} waves": beam for beam in rings}
