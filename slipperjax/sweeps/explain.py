@@ -16,7 +16,7 @@ from ..tools.limits import cores, shown_time
 from .call import refined
 from .estimate import Estimate
 from .grid import Grid, Tiling
-from .plan import LARGEST_CHUNK
+from .plan import largest_chunk
 from .runs import run
 from .store import Store
 
@@ -32,7 +32,7 @@ def explain(
 ) -> Estimate:
     """Estimate time, memory and disk of a sweep, from a chunk of its cases.
 
-    `LARGEST_CHUNK` cases, spread over the grid, run twice: once to compile, and once to be timed.
+    128 cases, or 32 on rails that bend, spread over the grid, run twice: once to compile, and once to be timed.
 
     ```python
     print(sj.explain(sj.sweep, scene, grid, transient=300, store="map.zarr"))
@@ -68,18 +68,19 @@ def explain(
         options["steps_per_period"] = used
         share = float(steps.mean()) / used
         facts = f"steps per period: {steps.min()} to {steps.max()}"
+    measured = largest_chunk(scene)
     options |= dict(
         workers=1,
         progress=False,
         product=False,
-        chunk=options.get("chunk") or LARGEST_CHUNK,
+        chunk=options.get("chunk") or measured,
     )
     # the first run compiles, so that the second run gives the time
     seconds = []
     ds = xr.Dataset()
     for _ in range(2):
         begin = time.perf_counter()
-        ds = function(scene, grid=cases.part(cases.spread(LARGEST_CHUNK)), **options).ds
+        ds = function(scene, grid=cases.part(cases.spread(measured)), **options).ds
         seconds.append(time.perf_counter() - begin)
     of_store: dict[str, object] = {}
     if target is not None:
@@ -93,8 +94,8 @@ def explain(
     return Estimate(
         cases=cases.count,
         # by the mean steps of all cases, because the steps of the measured cases are rounded
-        per_case=seconds[1] / LARGEST_CHUNK * share,
-        bytes_per_case=ds.nbytes / LARGEST_CHUNK,
+        per_case=seconds[1] / measured * share,
+        bytes_per_case=ds.nbytes / measured,
         workers=workers,
         **of_store,
         stored_per_case=_compressed(ds),

@@ -47,7 +47,7 @@ from ..tools.progress import DELAY
 from .call import AbstractCall
 from .engine import gather, progress_shown
 from .grid import Grid, Tiling
-from .plan import LARGEST_CHUNK
+from .plan import largest_chunk
 
 MARK = "slipperjax_store"
 """Attribute that identifies a store of slipperjax: JSON of the fields of `Archive`."""
@@ -578,7 +578,7 @@ def _stored(
     alone = executor is None
     threads = workers or cores() if alone else 1
     how = dict(
-        chunk=chunk or LARGEST_CHUNK,  # all of one size, so that a worker compiles its programs once
+        chunk=chunk or largest_chunk(grid.scene),  # all of one size, so that a worker compiles its programs once
         workers=1 if alone else workers or 1,
         progress=False,  # one bar shows the tiles
     )

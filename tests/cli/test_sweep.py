@@ -28,7 +28,7 @@ def _small_batches():
     """Eight lanes instead of 128 in each call: the program of `slipperjax bifurcation` in test_cli."""
     with pytest.MonkeyPatch.context() as patch:
         for room in ("store", "explain"):
-            patch.setattr(f"slipperjax.sweeps.{room}.LARGEST_CHUNK", 8)
+            patch.setattr(f"slipperjax.sweeps.{room}.largest_chunk", lambda scene: 8)
         yield
 
 

@@ -1,5 +1,7 @@
 """Plans: each case's own steps, in chunks that change no result."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -10,9 +12,9 @@ from slipperjax.sweeps.grid import Grid, batch_size
 from slipperjax.sweeps.schedule import joint_profiles
 
 
-def plan_of(grid, steps=None, **options):
+def plan_of(grid, steps=None, *, scene=None, **options):
     call = Call(25, 100, steps_per_period=steps, **options)
-    return make_plan(Grid(sj.paper_scene(), grid), sj.table_2_start(), call, RecordSet((History(),)))
+    return make_plan(Grid(scene or sj.paper_scene(), grid), sj.table_2_start(), call, RecordSet((History(),)))
 
 
 def test_each_case_gets_the_steps_that_it_needs_alone_and_few_numbers_of_steps_serve_all():
@@ -46,6 +48,14 @@ def test_sizes_of_batches_are_few_and_avoid_multiples_of_128():
     assert all(batch_size(size) == size >= count for count, size in enumerate(sizes, 1))
     assert not any(size % 128 == 0 for size in sizes)
     assert len(set(sizes)) <= 8 * np.log2(1024)
+
+
+@pytest.mark.parametrize(("beam", "largest"), [(None, 124), (sj.Beam.crane_rail(), 32)])
+def test_chunks_are_smaller_on_rails_that_bend(beam, largest):
+    """Their waves fill the cache of a core."""
+    scene = dataclasses.replace(sj.paper_scene(), beam=beam)
+    chunks, _ = plan_of({"speed": np.linspace(1000, 1100, 241)}, 40, scene=scene).chunks(workers=2)
+    assert max(len(chunk.index) for chunk in chunks) == largest
 
 
 def test_wrong_steps_of_cases_are_refused():
