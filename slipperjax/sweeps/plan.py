@@ -245,9 +245,10 @@ class Plan:
         which = self.which[index]
         present, sizes = np.unique(which, return_counts=True)
         counts = np.array([self.schedules[k].work for k in present])
-        if chunk is None:
-            of_cores = _best_chunk(counts, sizes, workers, largest_chunk(self.cases.scene))
-            chunk = min(int(sizes.max()), CHUNK_OF_DEVICE) if on_device else of_cores
+        if chunk is None and on_device:
+            chunk = min(int(sizes.max()), CHUNK_OF_DEVICE)
+        elif chunk is None:
+            chunk = _best_chunk(counts, sizes, workers, largest_chunk(self.cases.scene))
         # eight cases round differently from more cases, so that eight are used only in runs without more cases
         least = 1 if len(index) <= VECTOR_LANES else VECTOR_LANES + 1
         chunk = batch_size(max(whole("chunk", chunk, 1), least))
